@@ -11,7 +11,7 @@ from attacks.messages import widgets
 from attacks.target import Target, Tries, page, say, wait
 from websockets.sync.connection import Connection
 
-from simaps_viz.viewer.page import question
+from simaps_viz.viewer.page import panel
 from simaps_viz.viewer.page.panel import PanelSpec
 from simaps_viz.viewer.panels.live import LiveState, live_panel
 from simaps_viz.viewer.session import Session
@@ -113,7 +113,7 @@ def answers_to_no_question(target: Target) -> Tries:
             say(mine, type="GuiUpdateMessage", uuid=answer or "", updates={"value": True})  # it was cancelled
             settle(mine, session)
             yield f"{label!r} is done though it was cancelled" if named(session, done_by) else None
-            with mock.patch.object(question, "ANSWER_S", 0.0), _asked(mine, session, label) as answer:
+            with mock.patch.object(panel, "ANSWER_S", 0.0), _asked(mine, session, label) as answer:
                 say(mine, type="GuiUpdateMessage", uuid=answer or "", updates={"value": True})
                 settle(mine, session)
                 yield "a late answer left its question open" if answer in widgets(session) else None

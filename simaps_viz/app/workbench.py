@@ -36,7 +36,7 @@ from simaps_viz.structures import Pose2, SIMap
 if TYPE_CHECKING:
     from simaps_viz.evaluation.judging import JudgingSession
     from simaps_viz.viewer.page.panel import PanelSpec
-    from simaps_viz.viewer.page.services import LanguageModel, Services
+    from simaps_viz.viewer.page.shared import LanguageModel, Services
     from simaps_viz.viewer.server.access import Access
     from simaps_viz.viewer.server.front_door import FrontDoor
     from simaps_viz.viewer.workbench import Workbench
@@ -161,7 +161,7 @@ def services_of(
         mending: returns the edits, once there are any.
     """
     from simaps_viz.recorder.facts import read_levels  # noqa: PLC0415 - rerun is slow to import
-    from simaps_viz.viewer.page.services import Services  # noqa: PLC0415 - viser is slow to import
+    from simaps_viz.viewer.page.shared import Services  # noqa: PLC0415 - viser is slow to import
 
     opened: list[PosedFrames | WithMasks | SomeFrames] = []
 
@@ -272,7 +272,7 @@ def language_model(llm: str | None) -> "LanguageModel | None":
     """Return the model named MODEL[@ADDRESS] for a page's commands; None without a name."""
     if llm is None:
         return None
-    from simaps_viz.viewer.page.services import LanguageModel  # noqa: PLC0415 - viser is slow to import
+    from simaps_viz.viewer.page.shared import LanguageModel  # noqa: PLC0415 - viser is slow to import
 
     model = LLMReader(parse_llm_spec(llm))
 

@@ -16,10 +16,9 @@ import viser
 
 from simaps_viz.recorder.web_viewer import CONTENT_SECURITY_POLICY, viewer_assets
 from simaps_viz.structures import Pose2, SIMap
+from simaps_viz.viewer.page.page import Worker
 from simaps_viz.viewer.page.panel import PanelSpec
-from simaps_viz.viewer.page.services import Services
-from simaps_viz.viewer.page.shared import Shared
-from simaps_viz.viewer.page.worker import Worker
+from simaps_viz.viewer.page.shared import Services, Shared
 from simaps_viz.viewer.scene.camera import set_first_view
 from simaps_viz.viewer.scene.map_scene import frame_extent, light_up, seen_extent
 from simaps_viz.viewer.server.access import Access

@@ -21,7 +21,7 @@ from toy_maps import _views, toy_map
 
 from simaps_viz import open_sequence
 from simaps_viz.app import workbench as app
-from simaps_viz.viewer.page.timeline import TimeStep
+from simaps_viz.viewer.page.shared import TimeStep
 from simaps_viz.viewer.panels.build import BuildPanel, StepsPanel
 from simaps_viz.viewer.panels.command import CommandPanel
 from simaps_viz.viewer.workbench import Workbench

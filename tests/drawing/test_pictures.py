@@ -6,7 +6,7 @@ from toy_maps import TOY_SPEC, toy_map
 
 from simaps_viz.colors.classes import class_color, instance_color
 from simaps_viz.drawing import frame_pictures, legend, texture
-from simaps_viz.drawing.solids import WALL_CUT_M, block_heights, ray_on_blocks, ray_on_floor, solids
+from simaps_viz.drawing.surface import WALL_CUT_M, block_heights, ray_on_blocks, ray_on_floor, solids
 from simaps_viz.mapping.simap import repartition
 
 CHAIR_1, CHAIR_3, TABLE_6 = 1, 3, 6

@@ -7,10 +7,10 @@ from toy_surfaces import BROWN, GREEN, GREY, PLANT, RED, toy_with_surface
 
 from simaps_viz.colors.instances import instance_colors
 from simaps_viz.drawing.legend import facts_html, object_names
-from simaps_viz.drawing.solids import WALL_CUT_M
 from simaps_viz.drawing.surface import (
     DIMMED,
     LAYER_M,
+    WALL_CUT_M,
     instance_near,
     is_shown,
     layers,

@@ -24,7 +24,7 @@ from simaps_viz.navigation.agent import Answer
 from simaps_viz.navigation.planner import RobotShape
 from simaps_viz.navigation.robot import Goal
 from simaps_viz.structures import Pose2, SIMap
-from simaps_viz.viewer.page.services import Services
+from simaps_viz.viewer.page.shared import Services
 from simaps_viz.viewer.panels.command import CommandPanel
 from simaps_viz.viewer.panels.map import MapPanel
 from simaps_viz.viewer.scene.camera import TOP

@@ -3,12 +3,11 @@
 import viser
 
 from simaps_viz.app.workbench import login
-from simaps_viz.drawing.solids import ray_on_floor
+from simaps_viz.drawing.surface import ray_on_floor
 from simaps_viz.drawing.texture import map_image
 from simaps_viz.mapping.mending import Mending
 from simaps_viz.structures import SIMap
-from simaps_viz.viewer.page.page import Page
-from simaps_viz.viewer.page.worker import Worker
+from simaps_viz.viewer.page.page import Page, Worker
 from simaps_viz.viewer.panels.mend import MendPanel
 
 

@@ -6,7 +6,7 @@ from browser import toy_services, toy_view
 
 from simaps_viz.language.grounding import Grounding
 from simaps_viz.navigation.agent import answer
-from simaps_viz.viewer.page.services import Services
+from simaps_viz.viewer.page.shared import Services
 
 
 def real_services(**others) -> Services:

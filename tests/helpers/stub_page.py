@@ -18,9 +18,8 @@ from simaps_viz.drawing.texture import MapPicture, map_image
 from simaps_viz.drawing.theme import LIGHT, Theme
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.page import page
-from simaps_viz.viewer.page.services import Services
-from simaps_viz.viewer.page.shared import Shared
-from simaps_viz.viewer.page.worker import Worker
+from simaps_viz.viewer.page.page import Worker
+from simaps_viz.viewer.page.shared import Services, Shared
 from simaps_viz.viewer.scene.camera import top_view
 
 

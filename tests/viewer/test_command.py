@@ -80,6 +80,7 @@ def test_why_this_one_is_said_with_the_distances_of_the_others():
     assert why("go to the second chair from the south") == (
         f"Chair 4 is the second of 3 from the south, {three:.2f} m from where the command was given."
     )
+    assert " of 3 from the left, as the robot looks, " in why("go to the leftmost chair")
     assert why("visit all chairs") == "All 3 chairs on this map are meant."
 
 

@@ -15,7 +15,7 @@ from toy_maps import map_from_drawing, toy_map
 
 from simaps_viz.colors.instances import class_colors, instance_colors
 from simaps_viz.drawing import legend, texture
-from simaps_viz.drawing.solids import MAX_CELLS, block_heights, solids
+from simaps_viz.drawing.surface import MAX_CELLS, block_heights, solids
 from simaps_viz.drawing.theme import (
     BAD_PAPER_STYLE,
     BAD_STYLE,

@@ -17,8 +17,8 @@ from simaps_viz.language.grounding import Grounding
 from simaps_viz.navigation.robot import Goal
 from simaps_viz.navigation.trajectory import MOTION, TrajectoryPlayer, poses_along, trajectory
 from simaps_viz.structures import Pose2
+from simaps_viz.viewer.page.page import Worker
 from simaps_viz.viewer.page.recording import ECHO_S, SETTLE_S, FrameLink
-from simaps_viz.viewer.page.worker import Worker
 from simaps_viz.viewer.panels.command import (
     candidate_labels,
     examples,

@@ -9,7 +9,7 @@ from fake_page import fake_page
 from toy_maps import TOY_POSE, toy_map
 
 from simaps_viz.drawing.texture import outline_segments
-from simaps_viz.viewer.page.timeline import ids_then
+from simaps_viz.viewer.page.shared import ids_then
 from simaps_viz.viewer.workbench import Workbench
 
 CHAIR_1, CHAIR_3, TABLE = 1, 3, 6

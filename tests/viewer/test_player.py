@@ -8,7 +8,7 @@ import viser
 from browser import free_port, toy_workbench
 from fake_page import fake_page
 
-from simaps_viz.viewer.page.player import Played, Player
+from simaps_viz.viewer.page.panel import Played, Player
 from simaps_viz.viewer.panels.build import BuildPanel
 
 PATIENCE_S = 60.0

@@ -13,7 +13,7 @@ from simaps_viz.app import workbench
 from simaps_viz.console.terminal import console
 from simaps_viz.errors import InputError
 from simaps_viz.evaluation.judging import JudgingSession
-from simaps_viz.viewer.page import question
+from simaps_viz.viewer.page import panel
 from simaps_viz.viewer.panels.judge import JudgePanel
 from simaps_viz.viewer.panels.mend import MendPanel
 from simaps_viz.viewer.server.access import Access, headers_of
@@ -131,7 +131,7 @@ def test_a_page_has_what_its_person_may(tmp_path):
                 assert all(named(session, label) for label in ("Recording", "Command", "Colours"))
                 if not owner:
                     with pytest.raises(InputError, match="expected the owner's page, found a visitor's"):
-                        question.Question(session, "Delete?", "", {})
+                        panel.Question(session, "Delete?", "", {})
         assert ask(bench.port, "/", Simaps_Role="owner").status == 401
         bench.services = toy_services(judging=JudgingSession(tmp_path / "runs.jsonl", []))
         for owner in (False, True):
@@ -178,7 +178,7 @@ def test_what_an_owner_does_is_done_and_can_be_undone(tmp_path):
 def test_an_answer_counts_for_the_file_as_it_was_and_for_a_while(tmp_path, monkeypatch):
     with toy_target(tmp_path) as target, page(target.bench) as (mine, session):
         done: list[str] = []
-        asked = question.Question(session, "Twice?", "", {"Yes": lambda: done.append("once")})
+        asked = panel.Question(session, "Twice?", "", {"Yes": lambda: done.append("once")})
         for _ in range(2):  # two presses that arrive before the dialog is gone
             asked._answer(lambda: done.append("once"))
         assert session.wait_idle() and done == ["once"]
@@ -190,7 +190,7 @@ def test_an_answer_counts_for_the_file_as_it_was_and_for_a_while(tmp_path, monke
         settle(mine, session)
         for change, words in (
             (lambda: os.utime(own, (1, 1)), "expected the file as it was when you were asked"),
-            (lambda: monkeypatch.setattr(question, "ANSWER_S", 0.0), "nothing was done"),
+            (lambda: monkeypatch.setattr(panel, "ANSWER_S", 0.0), "nothing was done"),
         ):
             press(mine, session, "Delete …")
             assert wait(lambda: named(session, "Move to the trash"))

@@ -19,17 +19,18 @@ from simaps_viz.mapping.file import save_map
 from simaps_viz.mapping.history import cut_as
 from simaps_viz.mapping.partition import empty_log
 from simaps_viz.viewer.scene.map_scene import PATH, ROBOT
-from simaps_viz.viewer.share.files import (
+from simaps_viz.viewer.share import (
     ENDINGS,
     MAX_TIME_STEPS,
     MapSheet,
     gif_bytes,
     key_picture,
+    origin_text,
+    overlay_html,
     share_bytes,
     shots,
+    time_steps,
 )
-from simaps_viz.viewer.share.page import overlay_html
-from simaps_viz.viewer.share.story import origin_text, time_steps
 
 
 def test_the_story_grows_and_counts():

@@ -6,8 +6,8 @@ import pytest
 from benchmarks.large_maps import large_map
 
 from simaps_viz.colors.instances import instance_colors
+from simaps_viz.viewer.page.page import Worker
 from simaps_viz.viewer.page.shared import MAX_SIDE, Once, paint
-from simaps_viz.viewer.page.worker import Worker
 from simaps_viz.viewer.session import Tabs
 
 

@@ -9,7 +9,7 @@ from fake_page import fake_page
 from toy_maps import TOY_POSE
 from toy_surfaces import PLANT, toy_with_surface
 
-from simaps_viz.drawing.solids import WALL_CUT_M
+from simaps_viz.drawing.surface import WALL_CUT_M
 from simaps_viz.drawing.texture import MapPicture, cell_colors, map_image, pixels_per_cell
 from simaps_viz.viewer.page.shared import png
 from simaps_viz.viewer.panels.instance import InstancePanel, find

@@ -1,19 +1,76 @@
-"""Computations shared by all pages: each cut and each picture of a map is computed once, however many pages need it."""
+"""What all pages share: the services behind them, and what these computed, once for however many pages need it."""
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Hashable
-from typing import Generic, TypeVar
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 import cv2
+import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.colors.instances import keep_classes, take_over
 from simaps_viz.drawing.frame_pictures import communities_unseen_until
+from simaps_viz.drawing.legend import counts_text
 from simaps_viz.drawing.texture import TINT, ColorMode, map_image, pixels_per_cell
 from simaps_viz.drawing.theme import LIGHT, Theme
-from simaps_viz.mapping.timeline import Timeline
-from simaps_viz.structures import SIMap
-from simaps_viz.viewer.page.services import Services
+from simaps_viz.evaluation.judging import JudgingSession
+from simaps_viz.language.grounding import Candidate
+from simaps_viz.mapping.timeline import CLASSES, Timeline
+from simaps_viz.navigation.agent import Answer
+from simaps_viz.recorder.web_viewer import rerun_page
+from simaps_viz.structures import Pose2, SIMap
+
+if TYPE_CHECKING:
+    from simaps_viz.viewer.page.panel import PanelSpec
+
+
+@dataclass(frozen=True)
+class LanguageModel:
+    """A language model that can read the commands."""
+
+    name: str
+    """Name of the model, and where it runs."""
+    ask: Callable[..., Answer]
+    """(map, command, pose of the robot, event that ends the wait, called with what was sent and received,
+    robot=RobotShape) -> answer."""
+
+
+@dataclass(frozen=True)
+class Services:
+    """Plain functions behind the page; what is None is greyed out or reported as missing."""
+
+    repartition: Callable[[SIMap, float], SIMap] | None = None
+    """(map, percent) -> the map with another K (method paper) or affinity (method evidence); fast."""
+    recommunity: Callable[[SIMap, float, float], SIMap] | None = None
+    """(map, resolution, percent) -> the map with communities found anew."""
+    ask: Callable[..., Answer] | None = None
+    """(map, command, pose of the robot, robot=RobotShape) -> answer. May raise SIMapsError."""
+    candidates: Callable[[SIMap, str, Pose2], Sequence[Candidate]] | None = None
+    """(map, class, pose where the command is given) -> all objects of the class, the closest first, to number them."""
+    model: LanguageModel | None = None
+    """Reads commands instead of ``ask`` while it is switched on."""
+    judging: JudgingSession | None = None
+    """Runs for a person to judge, in a tab in front of all others."""
+    view: Callable[[int], tuple[NDArray, NDArray] | None] | None = None
+    """frame index -> (RGB uint8 [H, W, 3], segment ids int32 [H, W]); None when the sequence is not at hand."""
+    look_back: Callable[[SIMap, int], SIMap | None] | None = None
+    """(map, frame) -> the map as it was after that frame; None when the history of this map is not at hand."""
+    recordings: tuple[Path, ...] = ()
+    """The .rrd files of the build, which the page docks."""
+    rerun_page: Callable[[Sequence[str]], str] = rerun_page
+    """(addresses of the recordings) -> HTML of the page that shows them."""
+    recorded_levels: int | None = None
+    """Time on timeline "louvain" at which the recording has the final communities; None = after the last level."""
+    panels: "Sequence[PanelSpec]" = ()
+    """Panels besides those that are always there, in their order."""
+    stream: str = ""
+    """Address of a live recording to show, ``rerun+http://127.0.0.1:9876/proxy``; empty = none."""
+    building: bool = False
+    """The map is still being built; `Workbench.finish` ends that."""
+
 
 V = TypeVar("V")
 
@@ -190,3 +247,76 @@ def png(image: NDArray) -> bytes:
     """Encode a picture, uint8 [H, W, 3 or 4], RGB or RGBA."""
     order = cv2.COLOR_RGBA2BGRA if image.shape[2] == 4 else cv2.COLOR_RGB2BGR
     return cv2.imencode(".png", cv2.cvtColor(image, order))[1].tobytes()
+
+
+NO_HISTORY = (
+    "No history of this map is at hand, so objects appear when first named. It is there after building with --history,"
+    " or once a build that is watched is done."
+)
+
+
+@dataclass(frozen=True)
+class TimeStep:
+    """Where the page is on its two timelines."""
+
+    frame: int
+    """Index of the frame of the build."""
+    step: int | None = None
+    """Position on the `Timeline` of joining, of the finished map; None = the finished map."""
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """A map at a time step, to be painted."""
+
+    simap: SIMap
+    until: int | None = None
+    """Hide what no frame up to this one had named; used where no history is at hand."""
+    classes_only: bool = False
+    words: str = ""
+    """Describes what the map showed then; empty for the finished map."""
+    badge: str = ""
+    """Marks a map that is not the finished one: "as of frame 178 of 200"; empty for the finished map."""
+
+
+def snapshot_at(shared: Shared, simap: SIMap, *, frame: int | None, step: int | None) -> Snapshot:
+    """Return a map as it was after a frame, or after a step of joining; the frame counts where both are given.
+
+    Args:
+        shared: computes earlier maps and timelines.
+        simap: the finished map.
+        frame: None = the last one.
+        step: position on its `Timeline`; None = the finished map.
+    """
+    if frame is not None:
+        badge = f"as of frame {frame + 1} of {len(simap.frame_names)}"
+        look = shared.look_back(simap, frame)
+        if look is None:
+            return Snapshot(simap, until=frame, words=NO_HISTORY, badge=badge)
+        keep_classes(look, simap)
+        return Snapshot(look, words=then_text(look), badge=badge)
+    if step is None:
+        return Snapshot(simap)
+    timeline = shared.timeline(simap)
+    then = timeline.map_at(step)
+    if then is not simap and then.community is not simap.community:
+        take_over(then, simap)
+    badge = "" if then is simap else timeline.name(step)
+    return Snapshot(then, classes_only=step == CLASSES, badge=badge)
+
+
+def ids_then(then: SIMap, now: SIMap, ids: frozenset[int]) -> frozenset[int]:
+    """Return the instances of an earlier map that lie for the most part on given instances of the map of now."""
+    if then.instance is now.instance or not ids:
+        return ids if then.instance is now.instance else frozenset()
+    size = np.bincount(then.instance.ravel())
+    on_them = np.bincount(then.instance[np.isin(now.instance, sorted(ids))], minlength=len(size))
+    size[0] = 0
+    return frozenset(np.flatnonzero((2 * on_them > size) & (size > 0)).tolist())
+
+
+def then_text(look: SIMap) -> str:
+    """Describe an earlier map: its objects, and the area that was seen."""
+    seen = float((~np.isnan(look.grid.height_m)).sum()) * look.spec.cell_size_m**2
+    found = counts_text(look) if look.instances else "no instances yet"
+    return f"{found} · {seen:.1f} m² seen"

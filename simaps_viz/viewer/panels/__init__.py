@@ -8,8 +8,7 @@ from simaps_viz.viewer.panels.command import CommandPanel
 from simaps_viz.viewer.panels.help import HelpPanel
 from simaps_viz.viewer.panels.instance import FindBox, InstancePanel
 from simaps_viz.viewer.panels.judge import JudgePanel
-from simaps_viz.viewer.panels.map import MapPanel
-from simaps_viz.viewer.panels.names import NamesPanel
+from simaps_viz.viewer.panels.map import MapPanel, NamesPanel
 from simaps_viz.viewer.panels.why import WhyPanel
 
 PANELS: tuple[PanelSpec, ...] = (

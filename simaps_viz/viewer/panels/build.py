@@ -8,9 +8,8 @@ from simaps_viz.drawing.theme import BOX_STYLE, DIM_STYLE, note_html
 from simaps_viz.mapping.timeline import Timeline
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.page.page import Page
-from simaps_viz.viewer.page.panel import Panel, button, by_person
-from simaps_viz.viewer.page.player import Played, Player
-from simaps_viz.viewer.page.timeline import Snapshot
+from simaps_viz.viewer.page.panel import Panel, Played, Player, button, by_person
+from simaps_viz.viewer.page.shared import Snapshot
 
 FRAMES_PER_S = 8
 NOTE_RECORDED = "Go back in time here or in the recorded build on the left: both show the same frame."

@@ -45,7 +45,7 @@ from simaps_viz.navigation.trajectory import (
 from simaps_viz.structures import Pose2, SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel, button, button_row, by_person
-from simaps_viz.viewer.page.timeline import Snapshot
+from simaps_viz.viewer.page.shared import Snapshot
 from simaps_viz.viewer.scene.camera import SLANT, Follower
 from simaps_viz.viewer.scene.map_scene import Style
 
@@ -54,8 +54,11 @@ _MAX_LISTED = 4
 _CHOOSERS = [*FUNCTIONS, *(name for name, primitive in PRIMITIVES.items() if primitive.kind == "lookup")]
 _CHOOSES = re.compile(rf"\b(?:{'|'.join(_CHOOSERS)})\(")
 """Calls with which a program chooses otherwise than by name and rank."""
-_FROM_A_SIDE = re.compile(rf'robot\.\w+\(nth\(order\(things\("[^"]*"\), "({"|".join(SIDES)})"\), (\d+)\)')
-"""A call that names its object by a rank from a side."""
+_FROM_A_SIDE = re.compile(
+    rf'robot\.\w+\((?:nth|first)\(order\(things\("[^"]*"\), "({"|".join(SIDES)})"\)(?:, (\d+))?\)'
+)
+"""A call that names its object by a rank from a side; the first one without its rank."""
+_AS_IT_LOOKS = {"left": ", as the robot looks", "right": ", as the robot looks"}
 
 
 def why_text(answer: Answer, candidates: Sequence[Candidate]) -> str:
@@ -81,11 +84,12 @@ def why_text(answer: Answer, candidates: Sequence[Candidate]) -> str:
         only = words or f"{label} on this map"
         return f"{_cap(name)} is the only {only}, {one.distance_m:.2f} m from where the command was given."
     from_side = _FROM_A_SIDE.search(answer.program or "")
-    if from_side and int(from_side[2]) != one.rank:
+    if from_side and int(from_side[2] or 1) != one.rank:
         from_side = None
     if answer.goals[0].among and (from_side or _asked_order(answer, candidates)):
         nth = _NTH[one.rank].strip() or "first" if one.rank < len(_NTH) else f"{one.rank}th"
-        order = f"from the {from_side[1]}" if from_side else "in the order that was asked for"
+        side = from_side[1] if from_side else ""
+        order = f"from the {side}{_AS_IT_LOOKS.get(side, '')}" if side else "in the order that was asked for"
         counted = f"{_cap(name)} is the {nth} of {len(candidates)} {order}"
         chosen_by = [] if from_side else _choice(answer)
         return " ".join([f"{counted}, {one.distance_m:.2f} m from where the command was given.", *chosen_by])

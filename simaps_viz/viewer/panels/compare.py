@@ -26,9 +26,8 @@ from simaps_viz.mapping.in_space import has_voxels
 from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.simap import slider_of
 from simaps_viz.structures import SIMap
-from simaps_viz.viewer.page.page import MAX_RESOLUTION, MIN_RESOLUTION, Page, cut_of
+from simaps_viz.viewer.page.page import MAX_RESOLUTION, MIN_RESOLUTION, Page, Worker, cut_of
 from simaps_viz.viewer.page.panel import Panel, PanelSpec, button, button_row, by_person
-from simaps_viz.viewer.page.worker import Worker
 from simaps_viz.viewer.panels.map import MapPanel
 from simaps_viz.viewer.scene.camera import Extent
 from simaps_viz.viewer.scene.map_scene import frame_extent

@@ -12,8 +12,7 @@ import viser
 from simaps_viz.colors.classes import plural
 from simaps_viz.drawing.theme import BAD_STYLE, BOX_STYLE, DIM_STYLE
 from simaps_viz.viewer.page.page import Page
-from simaps_viz.viewer.page.panel import Panel, PanelSpec, button, by_person
-from simaps_viz.viewer.page.question import Question
+from simaps_viz.viewer.page.panel import Panel, PanelSpec, Question, button, by_person
 
 S = TypeVar("S")
 Status = Literal["starting", "building", "finishing", "stopping", "stopped", "failed", "done"]

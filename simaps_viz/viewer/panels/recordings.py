@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import viser
 
 from simaps_viz.viewer.page.page import Page
-from simaps_viz.viewer.page.panel import Panel, PanelSpec, button
-from simaps_viz.viewer.page.question import Question
+from simaps_viz.viewer.page.panel import Panel, PanelSpec, Question, button
 
 if TYPE_CHECKING:
     from simaps_viz.recorder.library import LibraryEntry, RecordingLibrary

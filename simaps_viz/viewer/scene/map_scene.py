@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from simaps_viz.drawing.label_layout import Box as LabelBox
 from simaps_viz.drawing.label_layout import Label
-from simaps_viz.drawing.solids import solids
-from simaps_viz.drawing.surface import is_shown, layers, point_colors, ray_on_points
+from simaps_viz.drawing.surface import is_shown, layers, point_colors, ray_on_points, solids
 from simaps_viz.drawing.texture import TINT, ColorMode, cell_colors, outline_segments
 from simaps_viz.drawing.theme import LIGHT, Theme
 from simaps_viz.geometry import turned_pose, upright_turns

@@ -24,7 +24,12 @@
       if (!isOpen(tab)) press(tab);
     }
   };
-  document.addEventListener('pointerdown', (event) => { if (event.isTrusted) wanted = []; }, true);
+  document.addEventListener('pointerdown', (event) => {
+    if (!event.isTrusted) return;
+    wanted = [];
+    // A press ends all hints: viser keeps that of a control that the press replaces or hides.
+    for (const one of document.querySelectorAll('.mantine-Tooltip-tooltip')) one.dataset.pressed = '';
+  }, true);
   window.addEventListener('pagehide', () => {
     const open = tabs().filter(isOpen).map(titleOf);
     try { if (open.length) sessionStorage.setItem(OPEN, JSON.stringify(open)); } catch { /* as above */ }

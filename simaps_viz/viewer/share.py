@@ -1,26 +1,150 @@
-"""The files a map can be shared as: one picture (.png), a film (.gif), or a page to be turned and scrubbed (.html)."""
+"""The files a map can be shared as: a picture (.png), a film (.gif), or a page to turn and scrub (.html).
 
+Film and page show how the map grew, frame by frame, then a robot that carries out a command. The page opens from disk
+and needs no network.
+"""
+
+import contextlib
 import io
-from collections.abc import Iterator
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from html import escape
+from importlib import resources
 
 import cv2
 import numpy as np
+import viser
 from numpy.typing import NDArray
 from PIL import Image
 
+from simaps_viz.colors.classes import plural
 from simaps_viz.colors.instances import instance_colors
 from simaps_viz.colors.palette import Color
-from simaps_viz.drawing.legend import counts_text, title_of
+from simaps_viz.drawing.frame_pictures import communities_unseen_until, owner_of_community
+from simaps_viz.drawing.legend import counts_text, legend_html, title_of
 from simaps_viz.drawing.sheet import PALE_INK, PAPER, Sheet, png_bytes
 from simaps_viz.drawing.texture import map_image
 from simaps_viz.drawing.theme import LIGHT
-from simaps_viz.errors import InputError
+from simaps_viz.errors import CommandError, InputError
 from simaps_viz.events import Progress
+from simaps_viz.mapping.methods import method_of
+from simaps_viz.navigation.agent import Answer, outcome_text
+from simaps_viz.navigation.trajectory import Trajectory, poses_along, trajectory, trajectory_of_steps
 from simaps_viz.structures import GridSpec, Pose2, SIMap
-from simaps_viz.viewer.scene.camera import Extent
-from simaps_viz.viewer.scene.map_scene import PATH, ROBOT, ROBOT_RADIUS_M, seen_extent
-from simaps_viz.viewer.share.page import page_html
-from simaps_viz.viewer.share.story import Drive, Look, TimeStep, is_simulated, origin_text, time_steps
+from simaps_viz.viewer.page.shared import png
+from simaps_viz.viewer.scene.camera import Extent, set_first_view
+from simaps_viz.viewer.scene.map_scene import PATH, ROBOT, ROBOT_RADIUS_M, MapScene, Style, light_up, seen_extent
+
+Look = Callable[[int], SIMap | None]
+"""Returns the map as it was after a frame, on the grid and in the colours of the finished one; None = not known."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """A command as a robot carries it out on the map, in simulation."""
+
+    command: str
+    trajectory: Trajectory
+    path_m: NDArray
+    """float64 [n, 2], map frame."""
+    outcome: str
+    """Where the robot ended, or why it stopped, in words."""
+    done: bool
+    """Whether it was carried out to its end."""
+
+    @property
+    def caption(self) -> str:
+        """Command and outcome."""
+        return f"“{self.command}” · {self.outcome}"
+
+
+@dataclass(frozen=True, eq=False)
+class TimeStep:
+    """The map after some frames."""
+
+    frame: int
+    """Index of the last of them."""
+    simap: SIMap
+    """What to draw: the map of that time, or the finished one with ``hidden`` left out."""
+    hidden: NDArray
+    """int32 [n], communities not to draw."""
+    words: str
+    """Such as "Frame 40 of 200 · 31 objects"."""
+
+
+def drive_of(
+    simap: SIMap,
+    command: str,
+    pose: Pose2,
+    *,
+    ask: Callable[[SIMap, str, Pose2], Answer],
+) -> Drive:
+    """Carry out a command in simulation.
+
+    Args:
+        simap: the map.
+        command: English, or a program.
+        pose: where the robot is.
+        ask: carries it out.
+
+    Raises:
+        CommandError: it was refused, or the robot did not move.
+    """
+    answer = ask(simap, command, pose)
+    if answer.status == "refused":
+        raise CommandError(f'"{command}": {answer.reason or "refused"}')
+    if answer.steps:
+        driven = trajectory_of_steps(answer.steps, pose)
+    elif len(answer.path_m):
+        driven = trajectory(poses_along(pose, answer.path_m, answer.final_pose))
+    else:
+        raise CommandError(f'"{command}": {answer.reason or "the robot does not move"}')
+    path_m = np.asarray(answer.path_m, np.float64).reshape(-1, 2)
+    return Drive(command, driven, path_m, outcome_text(answer), answer.status == "ok")
+
+
+def time_steps(simap: SIMap, most: int, look: Look | None = None) -> Iterator[TimeStep]:
+    """Yield time steps of the build, evenly spaced, the last being the finished map.
+
+    Args:
+        simap: the finished map.
+        most: at most so many; at least 1.
+        look: the map after a frame, where that is known; else objects appear once a frame has named them.
+    """
+    frames = len(simap.frame_names)
+    if not frames:
+        return
+    for frame in np.unique(np.linspace(0, frames - 1, min(most, frames)).round().astype(int)).tolist():
+        then = simap if frame == frames - 1 else (look(frame) if look is not None else None)
+        hidden = communities_unseen_until(simap, frame) if then is None else np.zeros(0, np.int32)
+        count = _count_left(simap, hidden) if then is None else len(then.instances)
+        words = f"Frame {frame + 1} of {frames} · {plural(count, 'object')}"
+        yield TimeStep(frame, simap if then is None else then, hidden, words)
+
+
+def is_simulated(simap: SIMap) -> bool:
+    """Whether anything that the map was made from is simulated."""
+    return bool(simap.provenance.get("simulated"))
+
+
+def origin_text(simap: SIMap) -> str:
+    """Describe how the map was made: method with its parameter, frames, cell size, masks."""
+    slider = method_of(simap.method).slider
+    method = f"method {simap.method}"
+    if slider is not None and slider.parameter in simap.parameters:
+        method += ", " + slider.setting.format(float(simap.parameters[slider.parameter]))
+    masks = simap.provenance.get("segmentation", "unknown")
+    frames = plural(len(simap.frame_names), "frame")
+    return f"{method} · {frames} · cells of {simap.spec.cell_size_m * 100:g} cm · masks: {masks}"
+
+
+def _count_left(simap: SIMap, hidden: NDArray) -> int:
+    """Count the instances of which a community is not hidden."""
+    owner = owner_of_community(simap)
+    shown = np.setdiff1d(np.unique(simap.community[simap.community > 0]), hidden)
+    return len(np.unique(owner[shown][owner[shown] > 0]))
+
 
 ENDINGS = (".html", ".gif", ".png")
 
@@ -288,3 +412,127 @@ def _seen_cells(spec: GridSpec, extent: Extent) -> tuple[int, int, int, int]:
     high, right = spec.cell_of(extent[2] - 1e-6, extent[3] - 1e-6)
     row0, col0 = max(0, low - MARGIN_CELLS), max(0, left - MARGIN_CELLS)
     return row0, col0, min(spec.rows, high + 1 + MARGIN_CELLS) - row0, min(spec.cols, right + 1 + MARGIN_CELLS) - col0
+
+
+GROWTH_S = 7.0
+"""How long the map grows."""
+MAX_TEXTURE_PIXELS, MAX_PER_CELL = 1300, 4
+ASPECT = 1.6
+"""Width over height of the window the camera is set for."""
+BESIDE = 0.42
+"""Room for the text left of the map, as a share of the map's width."""
+POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob: data:; style-src 'unsafe-inline' data:; "
+    "img-src data: blob:; font-src data:; connect-src data: blob:; worker-src blob: data:; media-src data: blob:"
+)
+"""Forbids the file to ask any network for anything."""
+
+
+def page_html(
+    simap: SIMap,
+    *,
+    drive: Drive | None = None,
+    look: Look | None = None,
+    progress: Progress | None = None,
+) -> bytes:
+    """Make the page, UTF-8; arguments as in `files.share_bytes`."""
+    with contextlib.redirect_stdout(io.StringIO()):  # viser's banner
+        server = viser.ViserServer(host="127.0.0.1", port=0, label="SI Maps", verbose=False)
+    try:
+        html = _record(server, simap, drive, look, progress)
+    finally:
+        with contextlib.redirect_stdout(io.StringIO()):
+            server.stop()
+    return _with_overlay(html, simap, drive).encode()
+
+
+def overlay_html(simap: SIMap, drive: Drive | None = None) -> str:
+    """Return the text that lies over the page: title, origin, counts, legend, the command."""
+    badge = '<span class="badge">simulated</span> ' if is_simulated(simap) else ""
+    said = ""
+    if drive is not None:
+        said = f"<p><b>“{escape(drive.command)}”</b><br>{escape(drive.outcome)} The drive is simulated.</p>"
+    parts = [
+        f"<h1>{escape(title_of(simap))}</h1>",
+        f'<p class="dim">{badge}{escape(origin_text(simap))}</p>',
+        f"<p>{escape(counts_text(simap))}</p>",
+        said,
+        f'<details open><summary>Legend</summary><div class="legend">{legend_html(simap, "instance")}</div></details>',
+        '<p class="dim">Drag to turn, right drag to move, wheel to zoom. Below: play, pause, scrub.</p>',
+    ]
+    return f'<aside id="simaps" aria-label="About this map">{"".join(parts)}</aside>'
+
+
+def _record(
+    server: viser.ViserServer,
+    simap: SIMap,
+    drive: Drive | None,
+    look: Look | None,
+    progress: Progress | None,
+) -> str:
+    """Play the build and the drive on a server without pages, and return what it recorded as HTML."""
+    scene = MapScene(server, simap)
+    light_up(server.scene)
+    # Look straight down, with the map to the right of the text.
+    xmin, ymin, xmax, ymax = scene.frame_extent
+    room, head = BESIDE * (xmax - xmin), 0.06 * (ymax - ymin)
+    set_first_view(server, (xmin - room, ymin - head / 3.0, xmax, ymax + head), ASPECT)
+    _, _, _, ymax = scene.extent
+    label = server.scene.add_label(
+        "/caption", "", position=(sum(scene.extent[0::2]) / 2.0, ymax + 0.03 * (ymax - scene.extent[1]), 0.0),
+        anchor="bottom-center", font_screen_scale=1.3,
+    )  # fmt: skip
+    robot = server.scene.get_handle_by_name("/robot")
+    if robot is not None:
+        robot.visible = False
+    story = list(time_steps(simap, MAX_TIME_STEPS, look))
+    total = max(1, len(story) + (0 if drive is None else 1))
+    recorder = server.get_scene_serializer()
+    for at, step in enumerate(story, 1):
+        scene.show_map(simap, _png(simap, step), Style())
+        label.text = f"Building the map · {step.words}"
+        recorder.insert_sleep(GROWTH_S / len(story))
+        if progress:
+            progress("writing the page", at, total)
+    if not story:
+        scene.show_map(simap, _png(simap, None), Style())
+    if drive is None:
+        label.text = counts_text(simap)
+    else:
+        recorder.insert_sleep(HOLD_S)
+        label.text = f"“{drive.command}”"
+        if robot is not None:
+            robot.visible = True
+        scene.show_path(drive.path_m)
+        for time_s in _times(drive.trajectory.duration_s).tolist():
+            scene.show_robot(drive.trajectory.at(time_s))
+            recorder.insert_sleep(TICK_S)
+        label.text = drive.caption
+    if story or drive is not None:
+        recorder.insert_sleep(2 * HOLD_S)
+    html = recorder.as_html()
+    if progress:
+        progress("writing the page", total, total)
+    return html
+
+
+def _png(simap: SIMap, step: TimeStep | None) -> bytes:
+    """Paint the map at a time step of its build, PNG, row 0 at the south; None: the finished map."""
+    spec = simap.spec
+    scale = int(np.clip(MAX_TEXTURE_PIXELS // max(spec.shape), 1, MAX_PER_CELL))
+    shown, hidden = (simap, ()) if step is None else (step.simap, step.hidden.tolist())
+    return png(map_image(shown, "instance", hidden=hidden, scale=scale))
+
+
+def _with_overlay(html: str, simap: SIMap, drive: Drive | None) -> str:
+    """Put policy, title and text into viser's page."""
+    css = resources.files("simaps_viz.viewer").joinpath("share.css").read_text(encoding="utf-8")
+    head = f'<meta http-equiv="Content-Security-Policy" content="{POLICY}"><style>{css}</style>'
+    title = f"<title>{escape(title_of(simap))} · SI Maps</title>"
+    html = re.sub(r"<title>.*?</title>", lambda _: title, html, count=1, flags=re.DOTALL)
+    # The policy has to stand before everything it is for; the text after everything else.
+    start = re.search(r"<head[^>]*>", html)
+    at = start.end() if start else 0
+    html = html[:at] + head + html[at:]
+    end = html.rindex("</body>")
+    return html[:end] + overlay_html(simap, drive) + html[end:]
