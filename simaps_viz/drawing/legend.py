@@ -1,13 +1,13 @@
 """Legends of the colours, and descriptions of a map and its objects, as text and as small pieces of HTML."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from pathlib import PurePath
 
 import cv2
 import numpy as np
 
-from simaps_viz.colors.classes import plural
+from simaps_viz.colors.classes import CLUTTER, FLOOR, WALL, ground_kinds, plural
 from simaps_viz.colors.instances import class_colors, color_of_instance, instance_colors
 from simaps_viz.colors.naming import color_name
 from simaps_viz.colors.palette import PALETTE, Color, as_color
@@ -120,15 +120,31 @@ def _related(simap: SIMap, instance: Instance) -> list[tuple[str, Iterable[int]]
     return [(kind, found) for kind, found in related if found]
 
 
-def legend_html(simap: SIMap, mode: ColorMode, theme: Theme = LIGHT, *, buttons: bool = False) -> str:
-    """Explain every colour of a mode; with ``buttons``, classes can be pressed where the page's script hears it."""
+def legend_html(
+    simap: SIMap,
+    mode: ColorMode,
+    theme: Theme = LIGHT,
+    *,
+    buttons: bool = False,
+    specks: Mapping[str, int] | None = None,
+) -> str:
+    """Explain every colour of a mode.
+
+    Args:
+        simap: the map, without its specks.
+        mode: what the colours mean.
+        theme: of the page.
+        buttons: classes can be pressed, where the page's script hears it.
+        specks: {class: specks of it}, counted apart.
+    """
+    specks = specks or {}
     if mode == "height":
         bar = _bar("0 m", f"{HEIGHT_TOP_M:g} m and more", "height of the highest point over the floor")
         return _box(f"{bar}{_unseen(theme)}")
     if mode == "observations":
         most = int(simap.grid.observations.max(initial=0))
         return _box(f"{_bar('0', plural(most, 'frame'), 'frames that saw the cell, logarithmic')}{_unseen(theme)}")
-    rows = _class_rows(simap, buttons) if mode == "class" else _instance_rows(simap, buttons)
+    rows = _class_rows(simap, buttons, specks) if mode == "class" else _instance_rows(simap, buttons, specks)
     if buttons and len(rows) > MAX_ROWS + 1:
         more = f"<summary>{len(rows) - MAX_ROWS} more classes</summary>{''.join(rows[MAX_ROWS:])}"
         rows = [*rows[:MAX_ROWS], f'<details class="simaps-more">{more}</details>']
@@ -138,6 +154,8 @@ def legend_html(simap: SIMap, mode: ColorMode, theme: Theme = LIGHT, *, buttons:
         )
     rows += [_note(text) for text in _repeats(simap, mode)]
     ground = (("wall", theme.wall), ("not named", theme.clutter), ("floor", theme.floor), ("never seen", theme.unseen))
+    there = np.isin((WALL, CLUTTER, FLOOR), ground_kinds(simap.grid))  # what was never seen is around every map
+    ground = [entry for entry, known in zip(ground, (*there, True), strict=True) if known]
     names = "".join(f'<span class="simaps-entry">{chip(color)}{name}</span>' for name, color in ground)
     return _box(f'{CHIP_STYLE}{"".join(rows)}<div style="margin-top:.5em">{names}</div>')
 
@@ -155,18 +173,16 @@ def _unseen(theme: Theme) -> str:
     return f'<div>{CHIP_STYLE}<span class="simaps-entry">{chip(theme.unseen)}never seen</span></div>'
 
 
-def _class_rows(simap: SIMap, buttons: bool) -> list[str]:
+def _class_rows(simap: SIMap, buttons: bool, specks: Mapping[str, int]) -> list[str]:
     colors = class_colors(simap)
     counts = simap.counts()
-    return [
-        f'<div class="simaps-entry">{chip(colors[label])}{_class_entry(label, count, buttons)}</div>'
-        for label, count in counts.items()
-    ]
+    entries = {label: _class_entry(label, count, buttons, specks.get(label, 0)) for label, count in counts.items()}
+    return [f'<div class="simaps-entry">{chip(colors[label])}{entry}</div>' for label, entry in entries.items()]
 
 
-def _class_entry(label: str, count: int, buttons: bool) -> str:
+def _class_entry(label: str, count: int, buttons: bool, specks: int) -> str:
     """Return a class and its number of objects, as a button that shows it alone and one that fades it."""
-    text = f"{short_html(label)} <b>{count}</b>"
+    text = f"{short_html(label)} <b>{count}</b>" + (f" + {plural(specks, 'speck')}" if specks else "")
     if not buttons:
         return text
     name = escape(label)
@@ -178,7 +194,7 @@ def _class_entry(label: str, count: int, buttons: bool) -> str:
     )
 
 
-def _instance_rows(simap: SIMap, buttons: bool) -> list[str]:
+def _instance_rows(simap: SIMap, buttons: bool, specks: Mapping[str, int]) -> list[str]:
     colors = instance_colors(simap)
     ids: dict[str, list[int]] = {}
     for one in simap.instances:
@@ -187,7 +203,7 @@ def _instance_rows(simap: SIMap, buttons: bool) -> list[str]:
     for label, count in simap.counts().items():
         chips = "".join(chip(as_color(colors[i])) for i in ids[label][:MAX_CHIPS])
         rest = f" +{count - MAX_CHIPS}" if count > MAX_CHIPS else ""
-        entry = _class_entry(label, count, buttons)
+        entry = _class_entry(label, count, buttons, specks.get(label, 0))
         rows.append(f'<div><span class="simaps-entry">{entry}</span>{chips}{rest}</div>')
     return rows
 

@@ -345,7 +345,8 @@ class TwoMaps:
     score: Score | None
     """The scores of the other map, when the reference is the truth."""
     space: SpaceScores | None = None
-    """The scores of the other map in space; None where one of the two does not know the surface of things."""
+    """The scores of the other map in space; None where one of the two does not know the surface of things, as the
+    truth does not: `MapMaker.scores_in_space` reads it from the frames."""
 
     @property
     def differences(self) -> tuple[Item, ...]:
@@ -358,7 +359,6 @@ def compare_two(
     right: tuple[str, SIMap],
     *,
     truth: Literal["left", "right"] | None = None,
-    in_space: SpaceTruth | None = None,
 ) -> TwoMaps:
     """Lay two maps of one place over one another.
 
@@ -366,7 +366,6 @@ def compare_two(
         left: title and map; its colours are what the right one's follow.
         right: the same.
         truth: which of them is the truth, if one is; the other is then scored by it.
-        in_space: the true objects in space, if they are known; two maps with a surface need none.
 
     Raises:
         InputError: they lie in different map frames, or their cells do not coincide.
@@ -399,16 +398,15 @@ def compare_two(
         same=differences.same,
         same_iou=differences.same_iou,
         score=scores_of(overlaps, other).overall if truth else None,
-        space=_in_space(reference, other, in_space),
+        space=_in_space(reference, other),
     )
 
 
-def _in_space(reference: SIMap, other: SIMap, truth: SpaceTruth | None) -> SpaceScores | None:
-    if truth is None and has_voxels(reference):
-        truth = truth_of_map(reference)
-    if truth is None or not has_voxels(other):
+def _in_space(reference: SIMap, other: SIMap) -> SpaceScores | None:
+    """Score a map in space against another; None where one of the two does not know the surface of things."""
+    if not has_voxels(reference) or not has_voxels(other):
         return None
-    return score_space(space_points(other), other.grid.labels, truth)
+    return score_space(space_points(other), other.grid.labels, truth_of_map(reference))
 
 
 def _on(simap: SIMap, window: GridSpec) -> NDArray:
@@ -505,6 +503,11 @@ class MapMaker:
                 frame_names=simap.frame_names, progress=tell,
             )  # fmt: skip
         return self._in_space[kept]
+
+    def scores_in_space(self, simap: SIMap, tell: Progress) -> SpaceScores:
+        """Score a map in space against the truth, for which all frames are read; errors as of `make`."""
+        truth = self.truth_in_space(simap, tell)
+        return score_space(space_points(simap), simap.grid.labels, truth)
 
     def _build(self, key: str, simap: SIMap, sequence: FrameSource, tell: Progress, kept: Path) -> SIMap:
         if key == TRUTH:

@@ -7,17 +7,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser import free_port, toy_services
+from browser import PATIENCE_S, free_port, toy_services
 from fake_page import fake_page
 from toy_maps import TOY_POSE, toy_map
 
+from simaps_viz.drawing.legend import legend_html
 from simaps_viz.drawing.texture import cell_colors, outline_segments
 from simaps_viz.drawing.theme import LIGHT
 from simaps_viz.errors import InputError
 from simaps_viz.evaluation.two_maps import TRUTH, Source
 from simaps_viz.mapping.simap import repartition
+from simaps_viz.viewer.panels import map as map_panel
 from simaps_viz.viewer.panels.compare import MethodPanel, method_panel
 from simaps_viz.viewer.panels.map import FAINT, MapPanel, change_text, changed_instances
+from simaps_viz.viewer.scene.map_scene import Style
 from simaps_viz.viewer.workbench import Workbench
 
 
@@ -57,6 +60,7 @@ def test_a_moved_slider_says_what_it_changed_and_one_button_shows_before(monkeyp
     with opened() as (_, page):
         session, panel = page.session, page.session.panels[MapPanel]
         whole, drawn = session.simap, []
+        monkeypatch.setattr(map_panel, "OUTLINED_S", PATIENCE_S)
         monkeypatch.setattr(session.scene, "show_changed", lambda simap, ids: drawn.append((simap, tuple(ids))))
         assert not panel._change.visible and not panel._peek.visible
         session.cut_map(30.0, 1.0)
@@ -64,6 +68,11 @@ def test_a_moved_slider_says_what_it_changed_and_one_button_shows_before(monkeyp
         cut = session.simap
         assert "K 30 %: 4 chairs (3 before), 3 dining tables (2 before), 4 objects changed" in panel._change.content
         assert drawn[-1] == (cut, changed_instances(whole, cut))
+        session.select(cut.instances[0].id)
+        style = Style(lit=frozenset({cut.instances[0].id}))
+        assert panel.style(cut, style).lit is None  # what changed is not pale while it is outlined
+        panel._cleared(cut)
+        assert panel.style(cut, style).lit == style.lit and drawn[-1] == (cut, ())
         panel.peek()
         assert session.wait_idle() and np.array_equal(session.simap.instance, whole.instance) and panel.percent == 5.0
         assert "K 5 %: 3 chairs (4 before)" in panel._change.content
@@ -73,7 +82,8 @@ def test_a_moved_slider_says_what_it_changed_and_one_button_shows_before(monkeyp
         assert session.wait_idle() and not panel._change.visible and drawn[-1][1] == ()
 
 
-def test_a_drag_that_stops_on_the_way_is_compared_with_the_map_where_it_began():
+def test_a_drag_that_stops_on_the_way_is_compared_with_the_map_where_it_began(monkeypatch):
+    monkeypatch.setattr(map_panel, "DRAG_S", PATIENCE_S)  # however slow the machine is
     with opened() as (_, page):
         session, panel = page.session, page.session.panels[MapPanel]
         whole = session.simap
@@ -83,7 +93,7 @@ def test_a_drag_that_stops_on_the_way_is_compared_with_the_map_where_it_began():
             assert session.wait_idle()
         assert "K 30 %: 4 chairs (3 before)" in panel._change.content and panel._was is not None
         assert panel._was[0] is whole and panel._was[1].percent == 5.0
-        panel._moved_s -= 10.0  # a pause: what is moved now is compared with what is shown
+        panel._moved_s -= 2 * PATIENCE_S  # a pause: what is moved now is compared with what is shown
         panel.set_sliders(60.0, 1.0)
         panel._cut()
         assert session.wait_idle() and panel._was[1].percent == 30.0
@@ -131,7 +141,8 @@ def test_specks_are_faint_and_not_counted_by_thresholds_that_a_person_moves(monk
         panel._least_cells.value = cells[2]
         session.repaint()
         assert session.wait_idle() and panel.specks(session.simap) == few
-        assert f"{7 - len(few)} instances · {len(few)} speck" in panel._counts.content
+        assert f"{7 - len(few)} instances, and {len(few)} speck" in panel._counts.content
+        assert "chair <b>3</b> + 2 specks" in legend_html(session.simap, "instance", specks={"chair": 2})
         painted, colors = drawn[-1].paint
         assert np.array_equal(painted, np.flatnonzero(np.isin(session.simap.instance, list(few))))
         own = cell_colors(session.simap, "instance").reshape(-1, 3)[painted].astype(float)

@@ -8,10 +8,13 @@ from typing import Any
 import pytest
 from stub_page import StubPage
 from toy_maps import toy_map
+from toy_surfaces import toy_with_surface
 
 from simaps_viz.drawing.compare_picture import TwoPictures
 from simaps_viz.drawing.theme import DARK, LIGHT, Theme
-from simaps_viz.evaluation.two_maps import Source
+from simaps_viz.evaluation.space import score_space, truth_of_map
+from simaps_viz.evaluation.two_maps import TRUTH, Source
+from simaps_viz.mapping.in_space import space_points
 from simaps_viz.mapping.simap import repartition
 from simaps_viz.viewer.panels import compare
 from simaps_viz.viewer.panels.compare import ComparePanel
@@ -90,6 +93,29 @@ def test_a_comparison_says_how_far_the_maps_are_that_have_to_be_made_for_it(desk
     assert "Making the true map of the exact ids: frame 1 of 2." in said[0][0]
     assert panel._status.content == "" and not panel._progress.visible
     panel.close()
+
+
+def test_differences_are_shown_before_the_frames_are_read_for_the_scores_in_space(painter):
+    desk, seen = Desk(toy_with_surface()), []
+
+    def scores(simap, tell):
+        tell("finding the true objects in space", 1, 2)
+        seen.append((panel.active, str(panel._headline.content), str(panel._status.content)))
+        return score_space(space_points(simap), simap.grid.labels, truth_of_map(simap))
+
+    maker: Any = SimpleNamespace(
+        sources=lambda simap: (Source(TRUTH, "Ground truth"),),
+        make=lambda key, simap, tell: toy_map(),  # which knows no surface, as the truth does not
+        scores_in_space=scores,
+    )
+    panel = ComparePanel(desk, maker)
+    compares(panel, desk)
+    ((shown, before, status),) = seen
+    assert shown and "<b>PQ " in before and "In space" not in before and "frame 1 of 2" in status
+    assert "In space: PQ 1.00" in panel._headline.content
+    assert panel._status.content == "" and not panel._progress.visible
+    panel.close()
+    desk.close()
 
 
 def test_a_comparison_that_ends_while_it_is_painted_anew_is_over(panel, desk, painter):

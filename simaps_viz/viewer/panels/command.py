@@ -88,11 +88,12 @@ def why_text(answer: Answer, candidates: Sequence[Candidate]) -> str:
         from_side = None
     if answer.goals[0].among and (from_side or _asked_order(answer, candidates)):
         nth = _NTH[one.rank].strip() or "first" if one.rank < len(_NTH) else f"{one.rank}th"
-        side = from_side[1] if from_side else ""
+        words = next((goal.words for goal in answer.goals if goal.words), "")
+        side, away = from_side[1] if from_side else "", f"{one.distance_m:.2f} m from where the command was given."
         order = f"from the {side}{_AS_IT_LOOKS.get(side, '')}" if side else "in the order that was asked for"
-        counted = f"{_cap(name)} is the {nth} of {len(candidates)} {order}"
-        chosen_by = [] if from_side else _choice(answer)
-        return " ".join([f"{counted}, {one.distance_m:.2f} m from where the command was given.", *chosen_by])
+        place = f"the {words}, of {plural(len(candidates), label)}; it is" if words and not side else ""
+        counted = f"{_cap(name)} is {place or f'the {nth} of {len(candidates)} {order},'} {away}"
+        return " ".join([counted, *([] if side or words else _choice(answer))])
     nth = _NTH[one.rank] if one.rank < len(_NTH) else f"{one.rank}th "
     closest = f"the {nth}closest to"
     if one.rank == len(candidates) > 2:

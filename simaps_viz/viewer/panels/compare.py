@@ -6,6 +6,7 @@ import json
 import tempfile
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from html import escape
 from pathlib import Path
 from typing import Any, cast
@@ -202,6 +203,9 @@ def _ring(color: Color) -> str:
 
 LEFT, RIGHT = "Left", "Right"
 THIS, SETTINGS = "This map", "This map, other settings"
+OTHER = 20.0
+"""By how many percent the other settings differ at first."""
+NO_TRUTH = "No ground truth of this place is known: differences between two maps are shown, not errors."
 
 
 def load_bytes(name: str, content: bytes) -> SIMap:
@@ -245,7 +249,9 @@ class SideChooser:
         self._word = joining.word
         hint = f"The map on the {name.lower()}."
         self._which = gui.add_dropdown(name, tuple(self._keys), initial_value=at_first, hint=hint)
-        self._percent = gui.add_slider(f"{name} {joining.title}", 0.0, 100.0, 0.5, own.percent, hint=joining.hint)
+        # The right one begins with other settings than the left one, or there would be nothing to compare.
+        percent = own.percent if name == LEFT else own.percent + (OTHER if own.percent + OTHER <= 100.0 else -OTHER)
+        self._percent = gui.add_slider(f"{name} {joining.title}", 0.0, 100.0, 0.5, percent, hint=joining.hint)
         self._resolution = gui.add_slider(
             f"{name} resolution", MIN_RESOLUTION, MAX_RESOLUTION, 0.05, own.resolution, hint="Louvain resolution."
         )
@@ -517,6 +523,8 @@ class ComparePanel(Panel):
 
     def _add_choice(self, gui: viser.GuiApi, maker: MapMaker) -> None:
         self._sides = tuple(SideChooser(name, maker, self._page, self._changed) for name in (LEFT, RIGHT))
+        if all(source.key != TRUTH for source in maker.sources(self._page.simap)):
+            gui.add_html(note(NO_TRUTH))
         self._begin = button(gui, "Compare", self.start, icon=viser.Icon.ARROWS_DIFF)
         self._progress = gui.add_progress_bar(0.0, visible=False)
         self._status = gui.add_html("")
@@ -567,7 +575,7 @@ class ComparePanel(Panel):
 
         try:
             left, right = (side.map(simap, report) for side in self._sides)
-            maps = self._compared(left, right, report)
+            maps, judged = self._compared(left, right)
             theme = self._page.theme
             pictures = TwoPictures(maps, theme)
         except Cancelled:
@@ -582,16 +590,29 @@ class ComparePanel(Panel):
             self._show(maps, pictures)
         if theme is not self._page.theme:  # switched while these were painted
             self.theme_changed()
+        if judged is not None and has_voxels(judged):
+            with contextlib.suppress(Cancelled):
+                self._add_scores(maps, judged, report)
 
-    def _compared(self, left: Named, right: Named, report: Progress) -> TwoMaps:
+    def _add_scores(self, maps: TwoMaps, judged: SIMap, report: Progress) -> None:
+        """Add the scores in space, for which all frames are read, to a comparison that is shown already."""
+        self._progress.visible = True
+        scores = self._maker.scores_in_space(judged, report)
+        with self._lock:
+            if self.maps is maps:
+                self.maps = replace(maps, space=scores)
+                self._headline.content = headline_html(self.maps)
+                self._progress.visible, self._status.content = False, ""
+
+    def _compared(self, left: Named, right: Named) -> tuple[TwoMaps, SIMap | None]:
+        """Compare two maps; returns also the one that is judged by the other, if that is the truth."""
         keys = [side.key for side in self._sides]
         if keys[0] == keys[1] == TRUTH or left[1] is right[1]:
             raise InputError(f"comparison: expected two different maps, found {left[0]} twice")
         truth = {(True, False): "left", (False, True): "right"}.get((keys[0] == TRUTH, keys[1] == TRUTH))
         judged = {"left": right[1], "right": left[1]}.get(truth or "")
-        exact = self._maker.truth_in_space(judged, report) if judged is not None and has_voxels(judged) else None
         self._status.content = note("Comparing the two maps, object by object …")
-        return compare_two(left, right, truth=truth, in_space=exact)  # pyright: ignore[reportArgumentType]
+        return compare_two(left, right, truth=truth), judged  # pyright: ignore[reportArgumentType]
 
     def _show(self, maps: TwoMaps, pictures: TwoPictures) -> None:
         begins = self.maps is None

@@ -5,6 +5,7 @@ import functools
 import json
 import threading
 import time
+from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from html import escape
@@ -32,7 +33,7 @@ EVERY_CLASS = "all classes"
 FINISH = "Show the finished map"
 BEFORE = "Before and after"
 BEFORE_HINT = "The map as it was before the slider was moved, and as it is; holding key B shows it before."
-MAX_MOVED, OUTLINED_S = 3, 4.0
+MAX_MOVED, OUTLINED_S = 3, 6.0
 """Classes whose new counts are named beside a moved slider, and for how long what changed is outlined."""
 DRAG_S = 1.0
 """A slider that was at rest for so long is moved anew."""
@@ -88,7 +89,7 @@ class MapPanel(Panel):
             MAX_RESOLUTION,
             0.05,
             own.resolution,
-            hint="Louvain resolution: higher values cut objects into more communities before they are merged.",
+            hint="The higher, the smaller the parts that are found before they are merged (Louvain's resolution).",
         )
         for slider in (self._k, self._resolution):
             by_person(slider, self._cut)
@@ -200,9 +201,15 @@ class MapPanel(Panel):
             self._clearing = None
         self._page.scene.show_changed(simap, ids)
         if ids:
-            self._clearing = threading.Timer(OUTLINED_S, lambda: self._page.scene.show_changed(simap, ()))
+            self._clearing = threading.Timer(OUTLINED_S, lambda: self._cleared(simap))
             self._clearing.daemon = True
             self._clearing.start()
+
+    def _cleared(self, simap: SIMap) -> None:
+        self._clearing = None
+        self._page.scene.show_changed(simap, ())
+        if self._page.selected is not None:
+            self._page.repaint()
 
     def close(self) -> None:
         """End the outlines of what changed."""
@@ -226,6 +233,8 @@ class MapPanel(Panel):
     def style(self, simap: SIMap, style: Style) -> Style:
         """Paint in the chosen colours, and emphasise the chosen class unless an instance is selected."""
         shown, faded = self.shown_class, self.faded
+        if self._clearing is not None:  # what changed is seen all over the map, whatever is selected
+            style = replace(style, lit=None)
         if style.lit is None and (shown is not None or faded):
             lit = simap.of_class(shown) if shown is not None else simap.instances
             style = replace(style, lit=frozenset(one.id for one in lit if one.label == shown or one.label not in faded))
@@ -267,7 +276,8 @@ class MapPanel(Panel):
         self._offer_tint()
         for widget in (self._k, self._resolution, self._reset):
             widget.disabled = not simap.instances and not simap.graphs
-        legend = legend_html(counted, self.mode, self._page.theme, buttons=True)
+        faint = Counter(one.label for one in simap.instances if one.id in specks)
+        legend = legend_html(counted, self.mode, self._page.theme, buttons=True, specks=faint)
         legend = f'<div class="simaps-legend" style="{LEGEND_STYLE}">{legend}</div>'
         if self._legend.content != legend:  # sent again, it would lose the focus of its buttons
             self._legend.content = legend
@@ -345,7 +355,7 @@ def without(simap: SIMap, ids: Collection[int]) -> SIMap:
 
 def counts_html(simap: SIMap, specks: Collection[int]) -> str:
     """Set the number of objects of each class in a line; specks are counted apart."""
-    faint = f" · {plural(len(specks), 'speck')} faint" if specks else ""
+    faint = f", and {plural(len(specks), 'speck')}, seen too little to count" if specks else ""
     return _line(counts_text(without(simap, specks)) + faint)
 
 

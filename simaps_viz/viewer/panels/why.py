@@ -94,7 +94,7 @@ def bars_html(why: Why, bars: Sequence[tuple[str, float, Color]]) -> str:
         '<div style="position:relative;height:.75em;align-self:center;background:rgba(128,128,128,.2)">'
         f'<div style="height:100%;width:{100.0 * min(score / most, 1.0):.1f}%;background:rgb{color}"></div>'
         f'<div style="position:absolute;inset:-.2em auto -.2em {at:.1f}%;border-left:2px solid currentColor"></div>'
-        f"</div><div>{score_text(why.method, score)}</div>"
+        f"</div><div>{score_text(why.method, score)}{' ✓' if score > why.threshold else ''}</div>"
         for name, score, color in bars
     )
     needed = f"one object above {needed_text(why.method, why.threshold)} (the upright mark):"

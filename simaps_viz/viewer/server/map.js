@@ -9,6 +9,8 @@
     return parent ? parent.appendChild(one) : one;
   };
   const over = make('div', 'simaps-over');
+  const coming = make('div', 'simaps-coming', over);
+  coming.textContent = 'Loading the map …';
   const drawing = make('canvas', 'simaps-drawing', over);
   const names = make('div', 'simaps-names', over);
   const hint = make('div', 'simaps-hint', over);
@@ -177,7 +179,7 @@
       if (one === chosen || !shows(one.label)) continue;
       const wide = (one.east - one.west) * px, high = (one.north - one.south) * px;
       if (high < 13 || wide < 13) continue;
-      const text = [one.name, one.label].find((words) => widthOf(words) <= 1.25 * wide);
+      const text = [one.name, one.label].find((words) => widthOf(words) <= 1.6 * wide);
       if (text) write(one, text, false);
     }
     for (; count < spans.length; count++) spans[count].hidden = true;
@@ -377,6 +379,7 @@
     const viser = window.__viserMutable, canvas = viser && viser.canvas;
     if (!canvas || !viser.nodeRefFromName) return;
     if (over.parentElement !== canvas.parentElement) canvas.parentElement.appendChild(over);
+    coming.hidden = Boolean(viser.nodeRefFromName['/map']);
     readObjects();
     const entry = document.querySelector('.simaps-legend [data-class]');
     if (entry !== legend) { legend = entry; changed = true; }

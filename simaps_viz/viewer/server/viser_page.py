@@ -55,7 +55,7 @@ PAGE_SCRIPT = (
 )
 """HTML to put into a page once, anywhere that is always shown."""
 
-COVERED_S = 30
+COVERED_S = 90
 """If our part of the page never appears, the cover is removed after this time; viser then shows what it waits for."""
 _COVER = (
     "<style>@keyframes simaps-uncover{to{visibility:hidden}}"
