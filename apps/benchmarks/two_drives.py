@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.live.source import Correction, Shot
-from simaps_viz.scenes.cafe import cafe_scene
+from simaps_viz.scenes.places import PLACES
 from simaps_viz.scenes.render import DepthSensor, Renderer, sense
 from simaps_viz.scenes.scene import SceneObject, assemble
 from simaps_viz.scenes.walk import sample_walk
@@ -38,7 +38,7 @@ def moved(one: SceneObject, by_m: Move) -> SceneObject:
 
 def cafe_chair(name: str) -> SceneObject:
     """Return an object of the café by its name."""
-    return next(one for one in cafe_scene().objects if one.name == name)
+    return next(one for one in PLACES["cafe"].scene().objects if one.name == name)
 
 
 @cache
@@ -51,7 +51,9 @@ def drive(frames: int, *, moves: tuple[tuple[str, Move], ...] = (), without: tup
         without: names of objects that are not there.
     """
     elsewhere = dict(moves)
-    near = [one for one in cafe_scene().objects if not one.is_thing or (one.bounds_m[0, :2] < (7.0, 6.0)).all()]
+    near = [
+        one for one in PLACES["cafe"].scene().objects if not one.is_thing or (one.bounds_m[0, :2] < (7.0, 6.0)).all()
+    ]
     objects = [moved(one, elsewhere[one.name]) if one.name in elsewhere else one for one in near]
     scene = assemble([one for one in objects if one.name not in without])
     k = Intrinsics(WIDTH, HEIGHT, FOCAL, FOCAL, (WIDTH - 1) / 2, (HEIGHT - 1) / 2)

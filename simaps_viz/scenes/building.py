@@ -1,17 +1,16 @@
-"""A building from plain data: rooms, doorways and windows become floors, walls and panes.
+"""A building from plain data: walls with doorways and windows become walls and panes.
 
 World: metres, z up, floor at z = 0, x east, y north. Yaw is counter-clockwise from +x and turns the front of a model
 (+x) to where it looks.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
 from simaps_viz.scenes.materials import CHARCOAL, WHITE, Material, Texture, paint
-from simaps_viz.scenes.scene import Scene, SceneObject, assemble, build, place
+from simaps_viz.scenes.scene import SceneObject, build
 from simaps_viz.scenes.shapes import Model, box, moved
 
 WALL_THICKNESS_M = 0.12
@@ -127,116 +126,3 @@ def structure(runs: Iterable[WallRun]) -> list[SceneObject]:
             name = run.name.replace("wall", "window") + f" {i + 1}"
             objects.append(build(name, "window-other", window(run, hole)))
     return objects
-
-
-Spot = tuple[str, str, Model, float, float, float, float]
-"""Name, label, model, x, y, z (metres), yaw (degrees)."""
-
-
-def place_all(spots: Iterable[Spot]) -> list[SceneObject]:
-    """Put models into the world."""
-    return [place(name, label, model, x, y, z, yaw_deg=yaw) for name, label, model, x, y, z, yaw in spots]
-
-
-@dataclass(frozen=True)
-class Room:
-    """A rectangle between the middle lines of its walls, world frame."""
-
-    name: str
-    west: float
-    south: float
-    east: float
-    north: float
-    floor: Material
-    walls: Material
-
-    @property
-    def bounds_m(self) -> tuple[float, float, float, float]:
-        """West, south, east, north."""
-        return self.west, self.south, self.east, self.north
-
-
-@dataclass(frozen=True)
-class Hole:
-    """A doorway or window by the middle of its foot line; it cuts the wall that runs there."""
-
-    x: float
-    y: float
-    width: float
-    low: float = 0.0
-    high: float = DOOR_HEIGHT_M
-
-
-OUTSIDE = paint("a9a399", Texture.PLASTER)
-
-
-def furnished(rooms: Sequence[Room], holes: Sequence[Hole], spots: Iterable[Spot]) -> Scene:
-    """Build rooms that tile a rectangle, with a plain light in the middle of each, and what stands in them.
-
-    Raises:
-        ValueError: a hole lies in no wall.
-    """
-    west, south = min(room.west for room in rooms), min(room.south for room in rooms)
-    east, north = max(room.east for room in rooms), max(room.north for room in rooms)
-    objects = [build(f"floor {room.name}", "floor", slab(*room.bounds_m, room.floor, top=0)) for room in rooms]
-    above = slab(west, south, east, north, paint("f4f1ea"), top=CEILING_HEIGHT_M + 0.05)
-    objects.append(build("ceiling", "ceiling", above))
-    lights = tuple(((r.west + r.east) / 2, (r.south + r.north) / 2, 2.5) for r in rooms)
-    objects += [*structure(walls_between(rooms, holes)), *place_all(spots)]
-    return assemble(objects, rooms_m=tuple(room.bounds_m for room in rooms), lights_m=lights)
-
-
-def walls_between(rooms: Sequence[Room], holes: Sequence[Hole]) -> list[WallRun]:
-    """Return a wall wherever a room borders on another or on the outside; the right side of an outer wall is inner."""
-    runs, cut = [], set()
-    for upright in (True, False):
-        # each line on which rooms end, in pieces on which the same two rooms meet
-        for at in sorted({edge for r in rooms for edge in ((r.west, r.east) if upright else (r.south, r.north))}):
-            low_side = {_span(r, upright): r for r in rooms if (r.east if upright else r.north) == at}
-            high_side = {_span(r, upright): r for r in rooms if (r.west if upright else r.south) == at}
-            ends = sorted({end for span in (*low_side, *high_side) for end in span})
-            for start, end in pairwise(ends):
-                low, high = _covering(low_side, start, end), _covering(high_side, start, end)
-                if low is None and high is None:
-                    continue
-                run, here = _run(low, high, at, start, end, upright, holes)
-                runs.append(run)
-                cut.update(here)
-    if len(cut) < len(holes):
-        raise ValueError(f"expected every hole in a wall, found {[h for i, h in enumerate(holes) if i not in cut]}")
-    return runs
-
-
-def _span(room: Room, upright: bool) -> tuple[float, float]:
-    return (room.south, room.north) if upright else (room.west, room.east)
-
-
-def _covering(side: dict[tuple[float, float], Room], start: float, end: float) -> Room | None:
-    return next((room for (low, high), room in side.items() if low <= start and end <= high), None)
-
-
-def _run(
-    low: Room | None, high: Room | None, at: float, start: float, end: float, upright: bool, holes: Sequence[Hole]
-) -> tuple[WallRun, list[int]]:
-    """Make the wall between the room on the lower side (west or south) and the one on the higher side."""
-    # Going north, right is east; going east, right is south. An outer wall has its room on the right.
-    right, left = (high, low) if upright else (low, high)
-    forward = right is not None
-    if not forward:
-        right, left = left, right
-    if right is None:
-        raise ValueError("a wall needs a room")
-    side = ("west" if upright else "north") if forward else ("east" if upright else "south")
-    here = [
-        i for i, hole in enumerate(holes)
-        if (hole.x if upright else hole.y) == at and start < (hole.y if upright else hole.x) < end
-    ]  # fmt: skip
-    openings = []
-    for hole in (holes[i] for i in here):
-        along = (hole.y if upright else hole.x) - start
-        middle = along if forward else end - start - along
-        openings.append(Opening(middle - hole.width / 2, middle + hole.width / 2, hole.low, hole.high))
-    first, last = (start, end) if forward else (end, start)
-    ends = ((at, first), (at, last)) if upright else ((first, at), (last, at))
-    name = f"wall {right.name} {left.name if left else side}"
-    return WallRun(name, *ends, right.walls, left.walls if left else OUTSIDE, tuple(openings)), here

@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 from simaps_viz.errors import InputError
 from simaps_viz.events import Progress
 from simaps_viz.io.files import write_whole
-from simaps_viz.scenes.place import Place
-from simaps_viz.scenes.places import place_of
+from simaps_viz.scenes.places import Place, place_of
 from simaps_viz.scenes.render import DepthSensor, Renderer, sense
 from simaps_viz.scenes.simulated_errors import check_level, known_instances, simulate_errors
 from simaps_viz.structures import Intrinsics
@@ -56,7 +55,7 @@ class DemoSettings:
     def key(self, place: Place) -> str:
         """Hash these values, the version and the program that makes the place: 16 hex digits."""
         digest = hashlib.sha256(json.dumps([VERSION, asdict(self)], sort_keys=True).encode())
-        for source in (*place.sources(), Path(__file__)):
+        for source in place.sources():
             digest.update(source.name.encode() + source.read_bytes())
         return digest.hexdigest()[:16]
 

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from simaps_viz.datasets.open import open_sequence
 from simaps_viz.datasets.sequence import PosedFrames
-from simaps_viz.scenes import demo, household, seating, tables
+from simaps_viz.scenes import demo, furniture
 from simaps_viz.scenes.building import slab
 from simaps_viz.scenes.materials import OAK, WALNUT, WHITE, paint
-from simaps_viz.scenes.place import Place
+from simaps_viz.scenes.places import Place
 from simaps_viz.scenes.render import Renderer
 from simaps_viz.scenes.scene import Scene, assemble, build, place
 from simaps_viz.scenes.shapes import box
@@ -56,10 +56,10 @@ def house() -> Scene:
         build("ceiling", "ceiling", slab(0, 0, WIDE_M, DEEP_M, WHITE, top=high)),
         build("walls", "wall", walls),
         build("stairs", "stairs", steps),
-        *(place(f"chair {x}", "chair", seating.cafe_chair(WALNUT, OAK), x, y) for x, y in CHAIRS_BELOW),
-        place("table", "dining table", tables.long_table(0.9, 1.6, OAK), *TABLE),
-        *(place(f"chair above {x}", "chair", seating.cafe_chair(WALNUT, OAK), x, y, top) for x, y in CHAIRS_ABOVE),
-        place("bed", "bed", household.bed(1.6, 2.0, WALNUT, fabric), *BED, top),
+        *(place(f"chair {x}", "chair", furniture.cafe_chair(WALNUT, OAK), x, y) for x, y in CHAIRS_BELOW),
+        place("table", "dining table", furniture.long_table(0.9, 1.6, OAK), *TABLE),
+        *(place(f"chair above {x}", "chair", furniture.cafe_chair(WALNUT, OAK), x, y, top) for x, y in CHAIRS_ABOVE),
+        place("bed", "bed", furniture.bed(1.6, 2.0, WALNUT, fabric), *BED, top),
     ]  # fmt: skip
     return assemble(objects, lights_m=((4.0, 3.0, 2.5), (4.0, 3.0, 5.5)))
 

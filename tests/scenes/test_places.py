@@ -1,6 +1,7 @@
 """The other embedded places: furnished, sound to walk through, and different from one another."""
 
 import itertools
+import json
 from collections import Counter
 from functools import cache
 from typing import get_args
@@ -12,14 +13,13 @@ from scipy.spatial import KDTree
 
 from simaps_viz.cli.demo import PlaceName
 from simaps_viz.errors import InputError
+from simaps_viz.scenes import furniture, places
 from simaps_viz.scenes import materials as m
-from simaps_viz.scenes import place as place_file
-from simaps_viz.scenes.building import Hole, Opening, Room, furnished, walls_between
 from simaps_viz.scenes.demo import DemoSettings, ensure_demo, settings_of
-from simaps_viz.scenes.place import Place
-from simaps_viz.scenes.places import PLACES, place_of
+from simaps_viz.scenes.places import PLACES, Place, place_of
 from simaps_viz.scenes.render import Renderer, embree_scene
-from simaps_viz.scenes.scene import SceneObject
+from simaps_viz.scenes.scene import SceneObject, place
+from simaps_viz.scenes.walk import camera_pose
 from simaps_viz.structures import Intrinsics
 
 NEW = [name for name in PLACES if name != "cafe"]
@@ -138,24 +138,50 @@ def _own_frame(one: SceneObject, points: np.ndarray) -> np.ndarray:
     return (points - T[:3, 3]) @ T[:3, :3]
 
 
-def test_rooms_are_walled_with_holes_where_they_are_asked_for():
-    plain = m.paint("ffffff")
-    rooms = (
-        Room("a", 0, 0, 4, 3, plain, plain), Room("b", 4, 0, 7, 5, plain, plain), Room("c", 0, 3, 4, 5, plain, plain),
-    )  # fmt: skip
-    runs = {run.name: run for run in walls_between(rooms, (Hole(4, 1, 0.8), Hole(6, 5, 1, 0.9, 2.0)))}
-    assert set(runs) == {
-        "wall a west", "wall c west", "wall b a", "wall b c", "wall b east", "wall a south", "wall b south",
-        "wall a c", "wall c north", "wall b north",
-    }  # fmt: skip
-    assert runs["wall b a"].openings == (Opening(0.6, 1.4),)
-    (pane,) = runs["wall b north"].openings
-    assert (pane.is_window, pane.start, pane.end) == (True, 1.5, 2.5)
-    assert sum(run.length for run in runs.values()) == 2 * (7 + 5) + 5 + 4
-    # an outer wall has its room on the right of its direction
-    assert runs["wall b east"].start == (7, 5) and runs["wall b east"].end == (7, 0)
-    with pytest.raises(ValueError, match=r"every hole in a wall, found \[Hole\(x=2"):
-        furnished(rooms, (Hole(2, 2, 0.8),), ())
+def test_a_place_is_what_its_file_tells(tmp_path, monkeypatch):
+    told = {
+        "title": "A closet",
+        "frames": 3,
+        "width": 80,
+        "floors": [["floor west", [0, 0, 2, 3], "#806040 planks"], ["floor east", [2, 0, 5, 3], "BIRCH"]],
+        "walls": [["wall north", [0, 3], [5, 3], "#ffffff", "OAK", [[1, 2], [3, 4, 0.9, 2.0]]]],
+        "rooms": [[0, 0, 2, None], [None, 0, 5, 3]],
+        "lights": [[1, 1, 2.5]],
+        "things": [
+            ["seat", "chair", ["resized", ["office_chair", "NAVY"], 2, 1, 1], 1, 2, 0.5, 90],
+            ["fruit", "bowl", ["bowl", "CERAMIC", ["#d98f2b", "#a3b34b"]], 3, 1, 0, 0],
+        ],
+        "stations": [[1, 1, 2, 2], [2, 1, 3, 3]],
+    }
+    (tmp_path / "closet.json").write_text(json.dumps(told), encoding="utf-8")
+    monkeypatch.setattr(places, "_FOLDER", tmp_path)
+    closet = places._place("closet")
+    assert (closet.title, closet.frames, closet.width) == ("A closet", 3, 80)
+    assert list(closet.stations()) == [(1, 1, 2, 2), (2, 1, 3, 3)]
+    scene = closet.scene()
+    objects = {one.name: one for one in scene.objects}
+    assert list(objects) == [
+        "floor west", "floor east", "ceiling", "wall north", "window north 1", "seat", "fruit"
+    ]  # fmt: skip
+    np.testing.assert_allclose(objects["ceiling"].bounds_m[:, :2], [[0, 0], [5, 3]])
+    assert objects["floor west"].parts[0].material == m.paint("806040", m.Texture.PLANKS)
+    assert objects["floor east"].parts[0].material == m.BIRCH
+    chair = place("seat", "chair", furniture.resized(furniture.office_chair(m.NAVY), 2, 1, 1), 1, 2, 0.5, yaw_deg=90)
+    np.testing.assert_array_equal(objects["seat"].bounds_m, chair.bounds_m)
+    assert len(objects["fruit"].parts) == len(furniture.bowl(m.CERAMIC, (m.OAK, m.OAK)))
+    assert scene.rooms_m == ((0, 0, 2, np.inf), (-np.inf, 0, 5, 3)) and scene.lights_m == ((1, 1, 2.5),)
+    # the doorway is open to the floor, the window from its sill on, and the wall beside them is whole
+    shown = [Renderer(scene, Intrinsics(3, 3, 30.0, 30.0, 1.0, 1.0)).cast(_northwards(x, z)) for x, z in LOOKS]
+    assert [list(objects)[one.instance[1, 1] - 1] if one.instance[1, 1] else None for one in shown] == [
+        None, "window north 1", "wall north", "wall north"
+    ]  # fmt: skip
+
+
+LOOKS = ((1.5, 0.4), (3.35, 1.4), (3.5, 0.4), (0.5, 1.4))
+
+
+def _northwards(x: float, z: float) -> np.ndarray:
+    return camera_pose(np.array([x, 2.0, z]), np.pi / 2, 0.0)
 
 
 def test_names_of_places_are_those_of_the_command():
@@ -166,22 +192,23 @@ def test_names_of_places_are_those_of_the_command():
         place_of("moon")
 
 
-def test_frames_depend_on_the_files_of_their_place_alone(tmp_path, monkeypatch):
-    names = {name: {path.name for path in place.sources()} for name, place in PLACES.items()}
-    assert {"cafe.py", "render.py", "simulated_errors.py", "building.py", "walk.py"} <= names["cafe"]
-    assert not {"home.py", "household.py"} & names["cafe"]
-    assert {"home.py", "household.py"} <= names["home"] and "cafe.py" not in names["home"]
+def test_frames_depend_on_their_own_place_and_the_programs_alone(tmp_path, monkeypatch):
     assert settings_of(PLACES["cafe"]) == DemoSettings()
+    names = {path.name for path in PLACES["cafe"].sources()}
+    assert {"cafe.json", "furniture.py", "render.py", "simulated_errors.py", "demo.py"} <= names
+    assert "home.json" not in names
     folder = tmp_path / "scenes"
     folder.mkdir()
-    for path in place_file._FOLDER.glob("*.py"):
+    for path in places._FOLDER.glob("*.*"):
         (folder / path.name).write_bytes(path.read_bytes())
-    monkeypatch.setattr(place_file, "_FOLDER", folder)
+    monkeypatch.setattr(places, "_FOLDER", folder)
     before = {name: DemoSettings().key(place) for name, place in PLACES.items()}
-    (folder / "home.py").write_text("# another flat\n")
-    (folder / "moon.py").write_text("# another place\n")
+    (folder / "home.json").write_text("{}")
+    (folder / "moon.json").write_text("{}")
     after = {name: DemoSettings().key(place) for name, place in PLACES.items()}
     assert {name for name in PLACES if before[name] != after[name]} == {"home"}
+    (folder / "furniture.py").write_text("# other chairs")
+    assert all(DemoSettings().key(place) != after[name] for name, place in PLACES.items())
 
 
 @pytest.mark.slow

@@ -9,9 +9,9 @@ import trimesh
 from scipy.spatial import KDTree
 
 from simaps_viz.colors.classes import COCO_THINGS, is_thing
+from simaps_viz.scenes import furniture
 from simaps_viz.scenes import materials as m
-from simaps_viz.scenes import props, seating
-from simaps_viz.scenes.cafe import DEPTH_M, PLACE, WIDTH_M, cafe_scene
+from simaps_viz.scenes.places import PLACES
 from simaps_viz.scenes.render import DepthSensor, Renderer, embree_scene, sense
 from simaps_viz.scenes.scene import Scene, SceneObject, assemble, place
 from simaps_viz.scenes.shapes import box, corner_normals, disc
@@ -26,7 +26,7 @@ pytestmark = pytest.mark.slow
 @cache
 def scene() -> Scene:
     """The café, made when a test asks for it: a worker that runs none of these only collects them."""
-    return cafe_scene()
+    return PLACES["cafe"].scene()
 
 
 @cache
@@ -84,7 +84,7 @@ def test_everything_lies_inside_the_outer_walls():
     for o in scene().objects:
         low, high = o.bounds_m
         assert (low >= [-0.2, -0.2, -0.06]).all(), o.name
-        assert (high <= [WIDTH_M + 0.2, DEPTH_M + 0.2, 2.8]).all(), o.name
+        assert (high <= [12.2, 9.2, 2.8]).all(), o.name
 
 
 @pytest.mark.parametrize(("group", "count"), [("west", 5), ("middle", 6), ("corner", 4)])
@@ -141,7 +141,7 @@ def test_chairs_of_one_set_differ_a_little_in_colour():
 
 
 def test_a_pose_turns_and_moves_a_model():
-    chair = place("a", "chair", seating.cafe_chair(m.OAK, m.SAGE), 2.0, 1.0, yaw_deg=90)
+    chair = place("a", "chair", furniture.cafe_chair(m.OAK, m.SAGE), 2.0, 1.0, yaw_deg=90)
     points = np.concatenate([part.mesh.vertices for part in chair.parts])
     back = points[points[:, 2] > 0.7]
     assert back[:, 1].max() < 1.0  # it looks north, so its back is south
@@ -149,7 +149,7 @@ def test_a_pose_turns_and_moves_a_model():
 
 
 def test_a_scene_needs_different_names():
-    cup = place("cup", "cup", props.cup(m.CERAMIC), 0, 0)
+    cup = place("cup", "cup", furniture.cup(m.CERAMIC), 0, 0)
     with pytest.raises(ValueError, match="name of its own"):
         assemble([cup, cup])
 
@@ -169,7 +169,7 @@ def test_shading_normals_are_smooth_on_round_sides_and_sharp_at_edges():
 
 
 def test_walk_keeps_clear_of_everything_and_visits_all_rooms():
-    walk = PLACE.walk(400)
+    walk = PLACES["cafe"].walk(400)
     positions = walk.T_world_camera[:, :3, 3]
     clear = KDTree(low_obstacles()).query(positions[:, :2])[0]
     assert clear.min() > 0.28, positions[clear.argmin()]
@@ -179,7 +179,7 @@ def test_walk_keeps_clear_of_everything_and_visits_all_rooms():
 
 
 def test_walk_is_smooth_and_looks_slightly_down():
-    T = PLACE.walk(200).T_world_camera
+    T = PLACES["cafe"].walk(200).T_world_camera
     rotations = T[:, :3, :3]
     np.testing.assert_allclose(rotations @ rotations.swapaxes(1, 2), np.tile(np.eye(3), (200, 1, 1)), atol=1e-12)
     steps = np.linalg.norm(np.diff(T[:, :3, 3], axis=0), axis=1)
@@ -201,7 +201,7 @@ def test_doorways_let_the_robot_through():
 def test_depth_of_floor_and_ceiling_is_that_of_the_planes():
     pixels = {"floor": 0, "ceiling": 0}
     upwards = camera_pose(np.array([4.0, 3.0, 1.4]), 0.7, -0.5)
-    for T in [*PLACE.walk(12).T_world_camera, upwards]:
+    for T in [*PLACES["cafe"].walk(12).T_world_camera, upwards]:
         surfaces = renderer().cast(T)
         rays = surfaces.rays.astype(np.float64)
         for label, height in (("floor", 0.0), ("ceiling", 2.7)):
@@ -215,7 +215,7 @@ def test_depth_of_floor_and_ceiling_is_that_of_the_planes():
 
 def test_back_projected_pixels_lie_in_their_instance_s_box():
     boxes = np.stack([np.zeros((2, 3)), *[o.bounds_m for o in scene().objects]])
-    for T in PLACE.walk(8).T_world_camera:
+    for T in PLACES["cafe"].walk(8).T_world_camera:
         frame = renderer().render(T)
         v, u = np.nonzero(frame.depth_m)
         z = frame.depth_m[v, u].astype(np.float64)
@@ -236,7 +236,7 @@ def test_windows_have_an_instance_but_no_depth():
 
 
 def test_pictures_are_neither_dark_nor_burnt_out():
-    for T in PLACE.walk(6).T_world_camera:
+    for T in PLACES["cafe"].walk(6).T_world_camera:
         color = renderer().render(T).color
         assert color.dtype == np.uint8 and color.shape == (120, 160, 3)
         assert 70 < color.mean() < 230
