@@ -380,10 +380,9 @@ def _likeliest(
 
 _CANDIDATES = 32  # classes that can compete for one cell; more are left out
 
-STEP_M = 0.03
-"""A surface that frames without masks have seen goes on while its cells differ by less than this in height."""
-RINGS = 8
-"""For at most so many cells."""
+SPREAD = ((0.01, 8), (0.03, 8), (0.1, 2), (np.inf, 1))
+"""A surface that only frames without masks have seen goes on while its cells differ by less than so many metres in
+height, for at most so many cells: first those that surely go on, and in the end the borders, where depth is noisy."""
 
 
 @dataclass(frozen=True)
@@ -453,8 +452,8 @@ def vote_labels(grid: Grid, readings: AllReadings, settings: VoteSettings) -> tu
 def spread_labels(label: NDArray, height_m: NDArray, unsegmented: NDArray) -> NDArray:
     """Name the cells whose top only frames saw that were not segmented, like the surface that they continue.
 
-    Ring by ring, at most `RINGS`, each takes the class of the named one of its 8 neighbours that is nearest in height,
-    the first of equal ones, if it is less than `STEP_M` higher or lower.
+    Ring by ring, each takes the class of the named one of its 8 neighbours that is nearest in height, the first of
+    equal ones, as long as they are as near as `SPREAD` asks.
 
     Args:
         label: int16 [rows, cols], 0 = none.
@@ -465,11 +464,12 @@ def spread_labels(label: NDArray, height_m: NDArray, unsegmented: NDArray) -> ND
         int16 [rows, cols].
     """
     named = np.where(unsegmented, 0, label).astype(np.int16)
-    for _ in range(RINGS):
-        further = _next_ring(named, height_m, unsegmented)
-        if np.array_equal(further, named):
-            break
-        named = further
+    for step_m, rings in SPREAD:
+        for _ in range(rings):
+            further = _next_ring(named, height_m, unsegmented, np.float32(step_m))
+            if np.array_equal(further, named):
+                break
+            named = further
     return named
 
 
@@ -478,6 +478,7 @@ def _next_ring(
     named: NDArray,  # int16 [rows, cols]
     height_m: NDArray,  # float32 [rows, cols], NaN = never seen
     unsegmented: NDArray,  # bool [rows, cols]
+    step_m: np.float32,
 ) -> NDArray:
     """Return the labels after one more ring of cells was named."""
     rows, cols = named.shape
@@ -486,7 +487,7 @@ def _next_ring(
         for col in range(cols):
             if not unsegmented[row, col] or named[row, col] > 0:
                 continue
-            nearest = np.float32(STEP_M)
+            nearest = step_m
             for r in range(max(row - 1, 0), min(row + 2, rows)):
                 for c in range(max(col - 1, 0), min(col + 2, cols)):
                     apart = abs(height_m[r, c] - height_m[row, col])

@@ -8,7 +8,7 @@ from drawn_readings import LABELS, drawn_grid, drawn_readings, grid_of, random_r
 from evidence_twins import plain_vote_labels
 
 from simaps_viz.mapping.observations import Readings
-from simaps_viz.mapping.votes import RINGS, STEP_M, VoteSettings, spread_labels, vote_labels
+from simaps_viz.mapping.votes import SPREAD, VoteSettings, spread_labels, vote_labels
 from simaps_viz.structures import Grid
 
 BINARY = VoteSettings(stuff=0.625, nothing=0.5, exact_below=0.0, rounds=0)
@@ -230,7 +230,7 @@ def test_numbers_of_segments_and_the_order_within_a_frame_change_nothing(seed):
 def plain_spread(label, height_m, unsegmented):
     """What `spread_labels` does, cell by cell."""
     named = np.where(unsegmented, 0, label)
-    for _ in range(RINGS):
+    for step_m in (step_m for step_m, rings in SPREAD for _ in range(rings)):
         before = named.copy()
         for row, col in np.argwhere(unsegmented & (before == 0)):
             around = [
@@ -238,7 +238,7 @@ def plain_spread(label, height_m, unsegmented):
                 for i, (r, c) in enumerate((row + dr, col + dc) for dr in (-1, 0, 1) for dc in (-1, 0, 1))
                 if 0 <= r < label.shape[0] and 0 <= c < label.shape[1] and before[r, c] > 0
             ]
-            around = [one for one in around if one[0] < np.float32(STEP_M)]
+            around = [one for one in around if one[0] < np.float32(step_m)]
             if around:
                 named[row, col] = min(around)[2]
     return named
@@ -258,10 +258,18 @@ def test_a_surface_keeps_its_name_where_nobody_looked(seed):
     assert not found[unsegmented & np.isnan(height_m)].any() and (found[unsegmented] > 0).any()
 
 
-def test_a_surface_ends_at_a_step_and_after_so_many_cells():
-    height_m = np.full((1, 2 * RINGS), 0.7, np.float32)
+def test_a_surface_goes_on_far_where_it_is_flat_and_less_far_over_steps():
+    height_m = np.full((1, 40), 0.7, np.float32)
     label, unsegmented = np.zeros_like(height_m, np.int16), np.ones_like(height_m, bool)
     label[0, 0], unsegmented[0, 0] = 2, False
-    assert (spread_labels(label, height_m, unsegmented) > 0).sum() == RINGS + 1
-    height_m[0, 3:] += 1.2 * STEP_M
-    assert (spread_labels(label, height_m, unsegmented) > 0).sum() == 3
+    assert (spread_labels(label, height_m, unsegmented) > 0).sum() == 1 + sum(rings for _, rings in SPREAD)
+    height_m[0, 3:] += 0.05  # the steps after the first two cells are taken last, and only a few cells far
+    assert (spread_labels(label, height_m, unsegmented) > 0).sum() == 3 + 2 + 1
+    height_m[0, 3:] += 0.5  # the border of what nobody looked at is one cell wide
+    assert (spread_labels(label, height_m, unsegmented) > 0).sum() == 3 + 1
+
+
+def test_what_surely_goes_on_is_named_before_what_is_only_near():
+    height_m = np.array([[0.72, 0.70, 0.70, 0.74, 0.745]], np.float32)
+    label, unsegmented = np.array([[1, 0, 0, 0, 2]], np.int16), np.array([[False, True, True, True, False]])
+    np.testing.assert_array_equal(spread_labels(label, height_m, unsegmented), [[1, 1, 1, 2, 2]])
