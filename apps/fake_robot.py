@@ -33,10 +33,8 @@ from simaps_viz.datasets.association import interpolate_poses
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.geometry import invert_pose
 from simaps_viz.live import drive
-from simaps_viz.live.foxglove import PROTOCOLS
-from simaps_viz.live.out import GOAL, GOAL_TYPE
-from simaps_viz.live.robot import message_types
-from simaps_viz.live.zenoh import dds_name
+from simaps_viz.live.drive import GOAL, GOAL_TYPE
+from simaps_viz.live.links import PROTOCOLS, dds_name, message_types
 from simaps_viz.structures import Intrinsics
 
 COLOR, DEPTH = "/camera/color/image_raw", "/camera/aligned_depth_to_color/image_raw"
@@ -52,8 +50,11 @@ OPTICAL, BASE = "camera_optical", "base_link"
 T_BASE_OPTICAL = np.array([[0, 0, 1, 0.1], [-1, 0, 0, 0.0], [0, -1, 0, 0.9], [0, 0, 0, 1.0]])
 TF_HZ = 90.0
 """At times between those of pictures, which come at 30 Hz."""
+OUTAGE_S = 3.0
 DRIVE_HZ, MPS = 30.0, 0.5
 """Transforms a second of a robot that drives, and its speed, m/s."""
+RECEIVED = 200
+"""Messages of clients that are kept to be looked at."""
 A_CLASS = 100
 """Ids of masks: so many times the class, and a number of the segment in its frame, so that an id keeps its label."""
 
@@ -74,6 +75,8 @@ class Faults:
     """Transforms come so much later than pictures of their time."""
     tf_stops_s: float = 0.0
     """After so long there are no transforms for three seconds; 0 = never."""
+    map_stops_s: float = 0.0
+    """After so long there is no map to odom for three seconds, as while a robot is lost; 0 = never."""
     masks_late_s: float = 0.05
     """Masks come so much later than pictures of their time."""
 
@@ -82,7 +85,7 @@ class Server(Protocol):
     """Where the robot publishes."""
 
     received: list[tuple[str, bytes]]
-    """(topic, CDR) of all that clients have published."""
+    """(topic, CDR) of the last that clients have published."""
     on_receive: Callable[[str, bytes], None]
     """Called with each of them."""
 
@@ -132,6 +135,11 @@ class FoxgloveServer:
         for client, subscribed in clients:
             if (number := subscribed.get(self._numbers[topic])) is not None:
                 self._send(client, number, data)
+
+    def is_heard(self, topic: str) -> bool:
+        """Whether somebody has subscribed."""
+        with self._lock:
+            return any(self._numbers[topic] in subscribed for subscribed in self._clients.values())
 
     def restart(self, away_s: float) -> None:
         """Go away, and come back."""
@@ -191,13 +199,18 @@ class FoxgloveServer:
             self._clients.pop(client, None)
 
     def _receive(self, topic: str, data: bytes) -> None:
-        self.received.append((topic, data))
+        _keep(self.received, topic, data)
         self.on_receive(topic, data)
 
     def _send(self, client: ServerConnection, number: int, data: bytes) -> None:
         with contextlib.suppress(WebSocketException, OSError):
             head = b"\x01" + number.to_bytes(4, "little") + time.time_ns().to_bytes(8, "little")
             client.send(head + data)
+
+
+def _keep(received: list[tuple[str, bytes]], topic: str, data: bytes) -> None:
+    received.append((topic, data))
+    del received[:-RECEIVED]
 
 
 class ZenohServer:
@@ -265,7 +278,7 @@ class ZenohServer:
 
         def take(sample: Any) -> None:
             topic = "/" + "/".join(str(sample.key_expr).split("/")[1:-2])
-            self.received.append((topic, bytes(sample.payload)))
+            _keep(self.received, topic, bytes(sample.payload))
             self.on_receive(topic, bytes(sample.payload))
 
         self._kept.append(self._node.declare_subscriber("0/**", take, allowed_origin=zenoh.Locality.REMOTE))
@@ -472,7 +485,7 @@ class Played:
             events += [(at, i, COLOR, at)] if self.color else []
         for i in range(int(total * TF_HZ) + 1):
             at = i / TF_HZ
-            if not (f.tf_stops_s and f.tf_stops_s <= at < f.tf_stops_s + 3.0):
+            if not (f.tf_stops_s and f.tf_stops_s <= at < f.tf_stops_s + OUTAGE_S):
                 events.append((at + f.tf_late_s, i, "/tf", at))
         for due, i, topic, at in sorted(events):
             if self._random.random() < f.drop:
@@ -501,7 +514,9 @@ class Played:
         every_s = self.faults.correct_s
         corrected_s = at_s if last else at_s // every_s * every_s
         T_odom_base = invert_pose(self.drift(at_s)) @ pose @ invert_pose(T_BASE_OPTICAL)
-        return self._tf(stamp_ns, [("map", "odom", self.drift(corrected_s)), ("odom", BASE, T_odom_base)])
+        links = [("map", "odom", self.drift(corrected_s)), ("odom", BASE, T_odom_base)]
+        stops_s = self.faults.map_stops_s
+        return self._tf(stamp_ns, links[stops_s > 0.0 and stops_s <= at_s < stops_s + OUTAGE_S :])
 
     def _pictures(self, index: int) -> tuple[Any, ...]:
         """Return the camera, and (pixels, encoding) of depth, masks and colour of a frame; made once."""

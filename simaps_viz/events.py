@@ -43,6 +43,8 @@ class FrameProjected:
     map_so_far: Callable[[], SIMap] | None = None
     """Computes the complete map of the frames so far, as a build of these alone would (0.05 to 0.1 s for a flat); call
     it before returning. None where the method cannot."""
+    kept: bool = True
+    """False: a live frame that shows only what is free and what is not, and is none of the map's."""
 
 
 @dataclass(frozen=True, eq=False)

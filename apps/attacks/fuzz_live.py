@@ -15,13 +15,12 @@ from simaps_viz import open_sequence
 from simaps_viz.app.webxr import read_frame
 from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.errors import InputError
-from simaps_viz.live.foxglove import FoxgloveLink
+from simaps_viz.live.links import FoxgloveLink, RobotLink, publisher_of
 from simaps_viz.live.phone import PhoneFrame, PhoneSource
-from simaps_viz.live.robot import RobotLink, RobotSource
+from simaps_viz.live.robot import RobotSource
 from simaps_viz.live.run import GrowingMap
 from simaps_viz.live.source import Traffic
 from simaps_viz.live.topics import TopicNames
-from simaps_viz.live.zenoh import publisher_of
 
 FRAMES = 6
 

@@ -1,34 +1,35 @@
 """How good and how fresh a live map is, and how soon goals come: a simulated robot plays a sequence, and drives."""
 
+import os
 import resource
 import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from fake_robot import Faults, FoxgloveServer, Played, Server, Wheels, ZenohServer, play
+from fake_robot import DEPTH, TOPICS, Faults, FoxgloveServer, Played, Server, Wheels, ZenohServer, play
 
 from simaps_viz.build.pipeline import BuildConfig, build_map
 from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.errors import InputError
 from simaps_viz.evaluation.quality import score
 from simaps_viz.evaluation.truth import find_truth, truth_of
-from simaps_viz.live.drive import Driver
-from simaps_viz.live.foxglove import FoxgloveLink
-from simaps_viz.live.out import MapPublisher
-from simaps_viz.live.robot import RobotLink, RobotSource
-from simaps_viz.live.run import LiveRequest, LiveRun
-from simaps_viz.live.source import Shot, Traffic
+from simaps_viz.live.drive import Driver, MapPublisher
+from simaps_viz.live.links import FoxgloveLink, RobotLink, ZenohLink
+from simaps_viz.live.robot import RobotSource
+from simaps_viz.live.run import GrowingMap, LiveRequest, LiveRun
+from simaps_viz.live.source import PlayedSequence, Shot, Traffic
 from simaps_viz.live.topics import TopicNames
-from simaps_viz.live.zenoh import ZenohLink
-from simaps_viz.structures import Frame, Segmentation, SIMap
+from simaps_viz.structures import Frame, Intrinsics, Segmentation, SIMap
 
-PATIENCE_S = 60.0
+PATIENCE_S = 600.0
+"""A machine with other work takes its time."""
+AWAY_S = 1.0
 SILENT_S = 4.0
 """A robot that is silent for so long has played all it had."""
 
@@ -42,10 +43,6 @@ class Outcome:
     named: int
     moved: int
     dropped: dict[str, int]
-    delays_ms: np.ndarray
-    """From the depth picture's publishing to its cells on the map; it waits for its masks, which are late by some."""
-    busy_ms: float
-    """Processor time for each picture, with that of the simulated robot."""
 
 
 class _Timed(Traffic):
@@ -58,18 +55,70 @@ class _Timed(Traffic):
         self.delays_ms.append((time.time_ns() - shot.sent_ns) / 1e6)
 
 
-def live_map(
-    sequence: PosedFrames, faults: Faults, *, rate_hz: float = 30.0, size: tuple[int, int] | None = None
-) -> Outcome:
-    """Let a map grow from a simulated robot; pictures are read beforehand, so that playing costs only sending."""
-    played, traffic = Played(sequence, faults, rate_hz=rate_hz, size=size), _Timed()
+class _NoLink(RobotLink):
+    """A link over which nothing goes."""
+
+    def open(self, on_topics: Any, on_message: Any) -> None:
+        """Connect to nobody."""
+
+    def _subscribe(self) -> None: ...
+    def _hang_up(self) -> None: ...
+
+
+class _Handed(RobotSource):
+    """A robot whose messages are handed over as they would have come, by its own clock: no machine is too slow."""
+
+    def __init__(self, played: Played, traffic: Traffic) -> None:
+        self._now_s = 0.0
+        super().__init__(_NoLink("robot"), TopicNames(), color=False, traffic=traffic, clock=lambda: self._now_s)
+        self._link_is_away = lambda s: bool((every := played.faults.restart_s) and every < s and (s % every) < AWAY_S)
+        self._messages = played.messages(time.time_ns())
+        self._on_topics(dict(TOPICS))
+        self._offered_s = -np.inf
+
+    def take(self, timeout_s: float) -> Shot | None:
+        """Return the next shot; the source ends with the last."""
+        while (shot := super().take(0.0)) is None:
+            message = next(self._messages, None)
+            if message is None:
+                self.ended = True
+                break
+            self._now_s, topic, data = message
+            if not self._link_is_away(self._now_s):
+                self._on_message(topic, data, 0)
+        return shot
+
+
+def live_map(sequence: PosedFrames, faults: Faults, *, rate_hz: float = 30.0) -> Outcome:
+    """Let a map grow from what a simulated robot sends, as it comes by the robot's own clock."""
+    traffic = Traffic()
+    with tempfile.TemporaryDirectory() as folder:
+        source = _Handed(Played(sequence, faults, rate_hz=rate_hz), traffic)
+        run = LiveRun(LiveRequest(source, BuildConfig(), Path(folder) / "m.npz", traffic=traffic))
+        simap = run.run((), threading.Event())
+    return Outcome(simap, traffic.placed, traffic.named, run.moved, traffic.dropped)
+
+
+@dataclass(frozen=True)
+class Delays:
+    """How long pictures took."""
+
+    shots: int
+    delays_ms: np.ndarray
+    """From the depth picture's publishing to its cells on the map; it waits for its masks, which are late by some."""
+    busy_ms: float
+    """Processor time for each picture, with that of the simulated robot."""
+
+
+def delays(sequence: PosedFrames, *, rate_hz: float, size: tuple[int, int]) -> Delays:
+    """Let a map grow over the network; pictures are read beforehand, so that playing costs only sending."""
+    played, traffic = Played(sequence, Faults(), rate_hz=rate_hz, size=size), _Timed()
     played.prepare()
-    with _growing(FoxgloveServer(), traffic) as (run, server, found):
+    with _growing(FoxgloveServer(), traffic) as (_, server, _):
         busy_s = time.process_time()
         play(played, server)
         busy_ms = (time.process_time() - busy_s) * 1000 / len(sequence)
-    delays_ms = np.array(traffic.delays_ms)
-    return Outcome(found[0], traffic.placed, traffic.named, run.moved, traffic.dropped, delays_ms, busy_ms)
+    return Delays(traffic.placed, np.array(traffic.delays_ms), busy_ms)
 
 
 @contextmanager
@@ -87,7 +136,10 @@ def _growing(server: Server, traffic: Traffic) -> Iterator[tuple[LiveRun, Server
         end_s = time.monotonic() + PATIENCE_S
         while source.chosen is None and time.monotonic() < end_s:
             time.sleep(0.05)
-        time.sleep(1.0)
+        if isinstance(server, FoxgloveServer):
+            _wait(lambda: server.is_heard(DEPTH))
+        else:
+            time.sleep(1.0)
         yield run, server, found
         thread.join(PATIENCE_S + SILENT_S)
         source.close()
@@ -101,26 +153,67 @@ def _source(server: Server, traffic: Traffic) -> RobotSource:
     return RobotSource(link, TopicNames(), color=False, traffic=traffic)
 
 
-def long_play(sequence: PosedFrames, minutes: int) -> Iterator[tuple[float, int, float]]:
-    """Play a sequence over and over; return after each minute: memory in MB, frames kept, and the map's area in m2."""
-    played, stop = Played(sequence, Faults()), threading.Event()
-    played.prepare()
-    laps = int(60 * minutes / played.seconds) + 2
-    with _growing(FoxgloveServer(), Traffic()) as (run, server, _):
-        player = threading.Thread(target=play, args=(played, server), kwargs={"laps": laps, "stop": stop})
-        player.start()
-        for _ in range(minutes):
-            time.sleep(60.0)
-            grid = run.growing.map_so_far().grid
+@dataclass(frozen=True)
+class Growth:
+    """What a map has grown to after so many frames."""
+
+    frames: int
+    memory_mb: float
+    disk_mb: float
+    kept: int
+    area_m2: float
+
+
+LOOK_EVERY = 300
+"""Frames between two looks at the map: ten seconds at 30 Hz."""
+
+
+def long_play(sequence: PosedFrames, frames: int, every: int, width: int) -> Iterator[Growth]:
+    """Play a sequence over and over onto a map as fast as it takes it; return its growth now and then.
+
+    No network is between them. Pictures are ``width`` pixels wide, and are put aside as those of a robot.
+    """
+    shots = [_small_shot(sequence, i, width) for i in range(len(sequence))]
+    growing = GrowingMap(PlayedSequence(sequence), BuildConfig())
+    for i in range(1, frames + 1):
+        shot = replace(shots[i % len(shots)], stamp_ns=i * 10**9 // 30)
+        growing.add(shot)
+        if i % LOOK_EVERY == 0:
+            growing.newest_map()
+        if i % every == 0:
+            grid = growing.newest_map().grid
             area_m2 = float(np.isfinite(grid.height_m).sum()) * grid.spec.cell_size_m**2
-            yield _memory_mb(), run.growing.frames, area_m2
-        stop.set()
-        player.join()
+            yield Growth(i, *_memory_and_disk_mb(), growing.frames, area_m2)
 
 
-def _memory_mb() -> float:
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * resource.getpagesize() / 2**20
+def _small_shot(sequence: PosedFrames, index: int, width: int) -> Shot:
+    """Return a frame as a shot, of every n-th pixel."""
+    frame, masks = sequence.read(index), sequence.segmentation(index)
+    k, n = frame.intrinsics, max(frame.depth_m.shape[1] // width, 1)
+    fewer = lambda pixels: np.ascontiguousarray(pixels[n // 2 :: n, n // 2 :: n])  # noqa: E731
+    depth_m, half = fewer(frame.depth_m), n // 2
+    height, wide = depth_m.shape
+    small = Intrinsics(wide, height, k.fx / n, k.fy / n, (k.cx - half) / n, (k.cy - half) / n)
+    T_world_camera = frame.T_world_camera
+    frame = Frame(0, frame.name, depth_m, T_world_camera, small)
+    return Shot(frame, Segmentation(fewer(masks.ids), masks.segments), 0, T_odom_camera=T_world_camera)
+
+
+def fixed_work() -> float:
+    """Return the seconds that work takes, as long as this thread needs for one second of processor time."""
+    began_s, busy_s = time.perf_counter(), time.thread_time()
+    while time.thread_time() - busy_s < 1.0:
+        pass
+    return time.perf_counter() - began_s
+
+
+def _memory_and_disk_mb() -> tuple[float, float]:
+    """Return what this process holds in memory, and in files that have no name."""
+    pages, disk = int(Path("/proc/self/statm").read_text().split()[1]), 0
+    for one in Path("/proc/self/fd").iterdir():
+        with suppress(OSError):  # closed by now
+            disk += os.stat(one).st_blocks * 512 if "(deleted)" in os.readlink(one) else 0
+    return pages * resource.getpagesize() / 2**20, disk / 2**20
 
 
 @dataclass(frozen=True)
@@ -168,7 +261,7 @@ def _wait(until: Callable[[], bool]) -> None:
     while not until():
         if time.monotonic() > end_s:
             raise InputError("the simulated robot: expected an answer, found none")
-        time.sleep(0.01)
+        time.sleep(0.002)
 
 
 def scenarios(seconds: float) -> dict[str, Faults]:
@@ -179,6 +272,7 @@ def scenarios(seconds: float) -> dict[str, Faults]:
         "server away for 1 s": Faults(restart_s=seconds * 0.6),
         "drift of 0.3 m, corrected": Faults(drift_m=0.3, correct_s=seconds / 4),
         "transforms 0.3 s late": Faults(tf_late_s=0.3),
+        "no map to odom for 3 s": Faults(drift_m=0.3, correct_s=seconds / 4, map_stops_s=seconds / 2 - 1.5),
         "no transforms for 3 s": Faults(tf_stops_s=seconds / 2),
     }
 

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.live.source import Correction, Shot
+from simaps_viz.live.source import Shot, Source
 from simaps_viz.scenes.places import PLACES
 from simaps_viz.scenes.render import DepthSensor, Renderer, sense
 from simaps_viz.scenes.scene import SceneObject, assemble
@@ -72,11 +72,10 @@ def drive(frames: int, *, moves: tuple[tuple[str, Move], ...] = (), without: tup
     return tuple(shots)
 
 
-class Drives:
+class Drives(Source):
     """A source that plays drives one after the other."""
 
-    name, segmentation_source, simulated, ended = "café", "renderer", True, False
-    labels, is_thing = ("none",), (False,)
+    name, segmentation_source, simulated = "café", "renderer", True
 
     def __init__(
         self, *drives: Sequence[Shot], T_map_world: NDArray | None = None,
@@ -96,15 +95,3 @@ class Drives:
         name = f"{self._next:05d}"
         pose = self._placed(shot.frame.T_world_camera)
         return replace(shot, frame=replace(shot.frame, name=name, T_world_camera=pose), stamp_ns=self._next * 10**8)
-
-    def correction(self) -> Correction | None:
-        """Return None: nothing is ever corrected."""
-        return None
-
-    def words(self) -> str:
-        """Return "": there is no connection."""
-        return ""
-
-    def close(self) -> None:
-        """End."""
-        self.ended = True

@@ -13,7 +13,7 @@ from simaps_viz.errors import InputError
 from simaps_viz.live.topics import TopicNames
 
 if TYPE_CHECKING:
-    from simaps_viz.live.robot import RobotLink
+    from simaps_viz.live.links import RobotLink
     from simaps_viz.live.source import Source, Traffic
     from simaps_viz.recorder.recorder import RerunRecorder
     from simaps_viz.segmentation.protocol import Network
@@ -74,7 +74,7 @@ class Live:
         from simaps_viz.app.workbench import counts_in_words
         from simaps_viz.console.terminal import note, report
         from simaps_viz.io.files import check_ending
-        from simaps_viz.live.out import MapPublisher
+        from simaps_viz.live.drive import MapPublisher
         from simaps_viz.live.robot import RobotSource
         from simaps_viz.live.run import LiveRequest
         from simaps_viz.live.source import Traffic
@@ -182,8 +182,7 @@ class Live:
         return kind if found else ""
 
     def _link(self) -> "RobotLink":
-        from simaps_viz.live.foxglove import FoxgloveLink
-        from simaps_viz.live.zenoh import ZenohLink
+        from simaps_viz.live.links import FoxgloveLink, ZenohLink
 
         kind = {"foxglove": FoxgloveLink, "zenoh": ZenohLink}.get(self._kind)
         if kind is None:

@@ -145,8 +145,7 @@ class Forgetting:
         near = cv2.dilate(patch, np.ones((5, 5), np.uint8)) > 0
         rows, cols = np.nonzero(near & (count > 0) & (top >= simap.settings.obstacle_height_m))
         rows, cols = (rows + low[0] * SIDE).astype(np.int32), (cols + low[1] * SIDE).astype(np.int32)
-        at = tiles.locate(rows, cols)
-        tiles.empty(at)
+        at = simap.empty(rows, cols)
         self._count[at] = 255
         self._since |= dict.fromkeys(_code(rows, cols).tolist(), index)
         return len(at)
@@ -156,8 +155,7 @@ class Forgetting:
         codes, tiles = _code(*cells), simap.tiles
         since = max(self._since.get(code, 0) for code in _code(*others).tolist())
         self._since |= {code: max(self._since.get(code, 0), since) for code in codes.tolist()}
-        at, order = tiles.locate(*cells), np.argsort(codes)
-        tiles.empty(at)
+        at, order = simap.empty(*cells), np.argsort(codes)
         for frame in simap.frames:
             readings, runs = frame.readings, frame.runs
             place = np.minimum(

@@ -20,7 +20,7 @@ from simaps_viz.datasets.rosbag import time_name
 from simaps_viz.errors import InputError, needs_extra
 from simaps_viz.geometry import upright_turns
 from simaps_viz.io.limits import check_picture
-from simaps_viz.live.source import Correction, Shot, Traffic
+from simaps_viz.live.source import Shot, Source, Traffic
 from simaps_viz.segmentation.protocol import Network
 from simaps_viz.structures import Frame, Segmentation
 
@@ -55,12 +55,8 @@ def phone_pose(where: str, position: Any, xyzw: Any) -> NDArray:
     return T
 
 
-class PhoneSource:
-    """Makes shots of a phone's frames. Malformed ones are left out and counted."""
-
-    simulated = False
-    T_map_world: NDArray | None = None
-    labels, is_thing = ("none",), (False,)
+class PhoneSource(Source):
+    """Makes shots of a phone's frames. Malformed ones are left out and counted; one that ends may always come back."""
 
     def __init__(self, name: str, *, network: Network | None, traffic: Traffic) -> None:
         """Wait for frames.
@@ -74,12 +70,7 @@ class PhoneSource:
         self.segmentation_source = "none" if network is None else network.name
         self._frames: deque[Any] = deque()
         self._arrived = threading.Condition()
-        self._closed, self._fault = False, ""
-
-    @property
-    def ended(self) -> bool:
-        """Whether it was closed: a phone may always come back."""
-        return self._closed
+        self._fault = ""
 
     def feed(self, frame: Any) -> None:
         """Take a frame as it came, from the phone's thread."""
@@ -93,7 +84,7 @@ class PhoneSource:
     def take(self, timeout_s: float) -> Shot | None:
         """Return the next shot."""
         with self._arrived:
-            if not self._arrived.wait_for(lambda: self._frames or self._closed, timeout_s) or self._closed:
+            if not self._arrived.wait_for(lambda: self._frames or self.ended, timeout_s) or self.ended:
                 return None
             frame = self._frames.popleft()
         try:
@@ -111,10 +102,6 @@ class PhoneSource:
         """Describe the connection."""
         raise NotImplementedError
 
-    def correction(self) -> Correction | None:
-        """Return None: phones correct their poses without saying so."""
-        return None
-
     def words(self) -> str:
         """Describe the connection, and what was malformed last."""
         return self.state() + (f", malformed: {self._fault}" if self._fault else "")
@@ -122,7 +109,7 @@ class PhoneSource:
     def close(self) -> None:
         """Stop."""
         with self._arrived:
-            self._closed = True
+            self.ended = True
             self._arrived.notify_all()
 
     def _shot(self, found: PhoneFrame) -> Shot:

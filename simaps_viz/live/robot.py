@@ -4,8 +4,9 @@ What belongs to one depth picture by its stamp is put together, with the pose th
 interpolated, waited for, and corrected afterwards where the robot corrects itself.
 
 By ROS's convention (REP 105) map to odom says what the odometry has drifted, in steps, and everything below moves
-without jumps. So map to odom holds from step to step and is never waited for; all other transforms are interpolated
-between the two messages around a picture.
+without jumps. So map to odom holds from step to step, however long it is silent, and is never waited for; all other
+transforms are interpolated between the two messages around a picture. Where these are silent for seconds, pictures
+wait, and are placed if the robot stood or kept its speed; otherwise nobody knows its way, and they are dropped.
 """
 
 import json
@@ -15,12 +16,12 @@ import time
 from bisect import bisect_left, insort
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cache
 from operator import itemgetter
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import expm, logm
 
 from simaps_viz.colors.classes import STUFF
 from simaps_viz.datasets.association import interpolate_poses
@@ -40,7 +41,8 @@ from simaps_viz.datasets.rosbag import time_name
 from simaps_viz.errors import InputError, one_line
 from simaps_viz.geometry import invert_pose
 from simaps_viz.io.limits import MAX_SEGMENT_ID
-from simaps_viz.live.source import Correction, Shot, Traffic
+from simaps_viz.live.links import RobotLink, message_types
+from simaps_viz.live.source import Correction, Shot, Source, Traffic
 from simaps_viz.live.topics import ODOMETRY, STRING, Chosen, TopicNames, choose_topics
 from simaps_viz.structures import Frame, Segment, Segmentation
 
@@ -50,6 +52,10 @@ JUMP_M, JUMP_RAD = 0.1, np.deg2rad(3.0)
 """A step of map to odom as large as either is a correction of what was, and not only of what will be."""
 RESET_M, RESET_MPS = 0.5, 5.0
 """Odometry that moves by more than the first at once, and faster than the second, has begun anew."""
+BRIDGE_S, STEADY_NS = 4.0, 300_000_000
+"""Silence of transforms up to the first is bridged where the robot's speed in the second before and after it agrees."""
+MAX_STEPS = 200
+"""Steps of map to odom that are known; all that may still be corrected are among them."""
 MAX_LINKS, MAX_DEPTH = 2000, 50
 """Frames in the tree, and links from a camera to its root; no robot has as many."""
 ODOM = "odom"
@@ -101,9 +107,30 @@ class _Link:
         times = np.array([self.poses[i][0] - stamp_ns for i in (after - 1, after)]) / 1e9
         poses = np.stack([self.poses[i][1] for i in (after - 1, after)])
         found, known = interpolate_poses(times, poses, np.zeros(1), max_gap_s=MAX_GAP_S)
-        if not known[0]:
-            raise LookupError(f"transforms silent for {times[1] - times[0]:.1f} s")
-        return found[0]
+        if known[0]:
+            return found[0]
+        if times[1] - times[0] <= BRIDGE_S:
+            if self.poses[-1][0] - self.poses[after][0] < STEADY_NS:
+                return None  # how it goes on there will tell
+            if (bridged := self._bridged(after, stamp_ns)) is not None:
+                return bridged
+        raise LookupError(f"transforms silent for more than {MAX_GAP_S:g} s")
+
+    def _bridged(self, after: int, stamp_ns: int) -> NDArray | None:
+        """Return T_parent_child within the silence before a message; None where the way there is anyone's guess.
+
+        It is known of what stood, or went on as it had, straight or on an arc: the speed before the silence and that
+        after it, kept up through it, both lead from its one end to the other.
+        """
+        at = [bisect_left(self.poses, self.poses[after - 1][0] - STEADY_NS, key=itemgetter(0)), after - 1, after]
+        at.append(bisect_left(self.poses, self.poses[after][0] + STEADY_NS, key=itemgetter(0)))
+        times = [self.poses[i][0] for i in at]
+        past, begin, end, later = (self.poses[i][1] for i in at)
+        way, silent_ns = invert_pose(begin) @ end, times[2] - times[1]
+        for one, other, took_ns in ((past, begin, times[1] - times[0]), (end, later, times[3] - times[2])):
+            if not took_ns or _far(_part_of(invert_pose(one) @ other, silent_ns / took_ns), way):
+                return None
+        return begin @ _part_of(way, (stamp_ns - times[1]) / silent_ns)
 
     def held(self, stamp_ns: int) -> NDArray:
         """Return the last T_parent_child until then, or the first one there is."""
@@ -217,6 +244,7 @@ class LiveTransforms:
             self._steps.pop()
             since_ns = self._steps[-1][0]
         self._steps.append((stamp_ns, T))
+        del self._steps[:-MAX_STEPS]
         self._since_ns = since_ns if self._since_ns is None else min(self._since_ns, since_ns)
 
     def _begin_anew(self) -> None:
@@ -237,6 +265,11 @@ def _between(steps: list[tuple[int, NDArray]], stamps: NDArray) -> NDArray:
     return interpolate_poses((times - times[0]) / 1e9, poses, (stamps - times[0]) / 1e9, max_gap_s=np.inf)[0]
 
 
+def _part_of(T: NDArray, share: float) -> NDArray:
+    """Return what a motion comes to in a share of its time, float64 [4, 4]: along one screw, so an arc stays an arc."""
+    return np.real(np.asarray(expm(share * np.asarray(logm(T)))))
+
+
 def _far(one: NDArray, other: NDArray) -> bool:
     D = invert_pose(one) @ other
     turned = np.arccos(np.clip((np.trace(D[:3, :3]) - 1) / 2, -1.0, 1.0))
@@ -245,10 +278,10 @@ def _far(one: NDArray, other: NDArray) -> bool:
 
 TOLERANCE_NS = 20_000_000
 """Pictures of one time differ by no more."""
-WAIT_S = {"color": 0.5, "masks": 2.0, "pose": 2.0}
+WAIT_S = {"color": 0.5, "masks": 2.0, "pose": BRIDGE_S + 1.0}
 """How long a depth picture waits for the others."""
-HELD = 90
-"""Messages of a topic that are held: three seconds at 30 Hz."""
+HELD = 150
+"""Messages of a topic that are held: five seconds at 30 Hz."""
 BUSY = 20
 """With more depth pictures waiting than this, the map is behind: they go on without colour and masks."""
 BACK_NS = 1_000_000_000
@@ -276,18 +309,24 @@ class Bundle:
     pose: CameraPose
 
 
+Clock = Callable[[], float]
+
+
 class Assembler:
     """Takes messages in the order they come, and returns bundles in that of their stamps. Not for several threads."""
 
-    def __init__(self, wanted: tuple[str, ...], transforms: LiveTransforms, traffic: Traffic) -> None:
+    def __init__(
+        self, wanted: tuple[str, ...], transforms: LiveTransforms, traffic: Traffic, clock: Clock = time.monotonic
+    ) -> None:
         """Begin with nothing.
 
         Args:
             wanted: of "color" and "masks", what is waited for.
             transforms: where poses come from.
             traffic: counts what is dropped, and why.
+            clock: by which messages arrive and wait, seconds.
         """
-        self._wanted, self._transforms, self._traffic = wanted, transforms, traffic
+        self._wanted, self._transforms, self._traffic, self._clock = wanted, transforms, traffic, clock
         self._held: dict[str, list[Message]] = {"depth": [], "color": [], "masks": []}
 
     def add(self, kind: str, message: Message) -> None:
@@ -306,7 +345,7 @@ class Assembler:
         depths = self._held["depth"]
         while depths:
             depth, busy = depths[0], len(depths) > BUSY
-            waited_s = time.monotonic() - depth.arrived_s
+            waited_s = self._clock() - depth.arrived_s
             try:
                 pose = self._transforms.pose(depth.frame, depth.stamp_ns)
             except LookupError as reason:
@@ -357,101 +396,11 @@ MAX_LABELS, MAX_LABEL = 10_000, 100
 MAX_FRAME = 200
 """Characters of the name of a frame."""
 
-JOIN_S = 6.0
-"""A link's thread is waited for so long."""
-
-OnMessage = Callable[[str, bytes, int], None]
-"""(topic, CDR bytes, when it was sent in ns or 0)"""
-OnReply = Callable[[bytes | None], None]
-"""(CDR bytes of an answer; None = no more comes)"""
-
-
-class RobotLink:
-    """A connection to a robot, whatever the protocol; it connects again by itself."""
-
-    def __init__(self, address: str) -> None:
-        """Take an address; ``open`` connects."""
-        self.address, self._state = address, "connecting"
-        self._wanted: tuple[str, ...] = ()
-        self._listeners: dict[str, Callable[[bytes], None]] = {}
-        self._lock = threading.RLock()
-        self._closed = threading.Event()
-        self._thread: threading.Thread | None = None
-
-    @property
-    def state(self) -> str:
-        """Return what is wrong with the connection, in words; "" = nothing."""
-        return self._state
-
-    def open(self, on_topics: Callable[[dict[str, str]], None], on_message: OnMessage) -> None:
-        """Connect, and keep calling back from one thread: with {topic: type} when it changes, and messages."""
-        self._on_topics, self._on_message = on_topics, on_message
-        self._thread = threading.Thread(target=self._run, name="robot-link", daemon=True)
-        self._thread.start()
-
-    def subscribe(self, topics: tuple[str, ...]) -> None:
-        """Receive these topics from now on, also after connecting again."""
-        with self._lock:
-            self._wanted = topics
-            self._subscribe()
-
-    def advertise(self, topic: str, kind: str) -> None:
-        """Announce that a topic will be published, now and after connecting again."""
-        raise NotImplementedError
-
-    def publish(self, topic: str, data: bytes) -> bool:
-        """Publish CDR bytes on an announced topic; False when there is no connection."""
-        raise NotImplementedError
-
-    @property
-    def services(self) -> dict[str, tuple[str, str]]:
-        """Return {service: (type, its hash)} of what can be called, as Zenoh's keys have them."""
-        return {}
-
-    def call(self, service: str, request: bytes, take: OnReply, timeout_s: float) -> bool:
-        """Call a service with CDR bytes, and ``take`` its answer, then None; False where it cannot be called."""
-        return False
-
-    def listen(self, topic: str, take: Callable[[bytes], None]) -> None:
-        """Also receive a topic that no frame needs, where services can be called; before ``open`` or later."""
-        with self._lock:
-            self._listeners[topic] = take
-            self._subscribe()
-
-    def close(self) -> None:
-        """Disconnect."""
-        self._closed.set()
-        self._hang_up()
-        if self._thread is not None and self._thread is not threading.current_thread():
-            self._thread.join(JOIN_S)
-
-    def _run(self) -> None:
-        """Connect again and again until ``_closed``, calling back; then end the connection."""
-        raise NotImplementedError
-
-    def _subscribe(self) -> None:
-        """Subscribe to what is wanted and not subscribed to, where there is a connection; under the lock."""
-        raise NotImplementedError
-
-    def _hang_up(self) -> None:
-        """End the connection, where its thread does not look at ``_closed`` by itself."""
-
 
 def raw_frame(data: bytes) -> str:
     """Read the frame of a message that starts with a header, without decoding its picture."""
     (length,) = struct.unpack_from("<I" if data[1] & 1 else ">I", data, 12)
     return data[16 : 16 + min(length - 1, MAX_FRAME)].decode()
-
-
-@cache
-def message_types() -> Any:
-    """Return rosbags' types of messages, which have not changed since Foxy, so a robot's own are not needed.
-
-    They are one object for all: it compiles each type when it is first used, which takes a tenth of a second.
-    """
-    from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415 - only robots need it
-
-    return get_typestore(Stores.ROS2_JAZZY)
 
 
 def topics_of(link: RobotLink) -> dict[str, str]:
@@ -474,13 +423,12 @@ def topics_of(link: RobotLink) -> dict[str, str]:
     return offered
 
 
-class RobotSource:
-    """Makes shots of what a robot sends. Malformed messages are left out and counted."""
+class RobotSource(Source):
+    """Makes shots of what a robot sends. Malformed messages are left out and counted; one that ends may come back."""
 
-    simulated = False
-    T_map_world: NDArray | None = None
-
-    def __init__(self, link: RobotLink, named: TopicNames, *, color: bool, traffic: Traffic) -> None:
+    def __init__(
+        self, link: RobotLink, named: TopicNames, *, color: bool, traffic: Traffic, clock: Clock = time.monotonic
+    ) -> None:
         """Connect.
 
         Args:
@@ -488,11 +436,12 @@ class RobotSource:
             named: topics that a person names.
             color: colour is needed, as a network looks at it, and masks are not, as it makes them.
             traffic: counts what is left out.
+            clock: by which messages wait for each other, seconds.
         """
+        self._clock = clock
         self.name, self.link, self._named, self._color, self._traffic = link.address, link, named, color, traffic
         if color:
             self._named = replace(named, masks_topic="-", labels_topic="-")
-        self.labels, self.is_thing = ("none",), (False,)
         self.chosen: Chosen | None = None
         self.offered: dict[str, str] = {}
         self._types = message_types()
@@ -503,19 +452,8 @@ class RobotSource:
         self._unclear: str = ""
         self._kinds: dict[str, str] = {}
         self._arrived = threading.Condition()
-        self._closed = False
         self._began_s = self._chosen_s = self._offered_s = time.monotonic()
         link.open(self._on_topics, self._on_message)
-
-    @property
-    def segmentation_source(self) -> str:
-        """Name the topic of the masks."""
-        return f"masks of {self.chosen.masks}" if self.chosen is not None and self.chosen.masks else "none"
-
-    @property
-    def ended(self) -> bool:
-        """Whether it was closed: a robot may always come back."""
-        return self._closed
 
     def take(self, timeout_s: float) -> Shot | None:
         """Return the next shot.
@@ -525,7 +463,7 @@ class RobotSource:
         """
         end_s = time.monotonic() + timeout_s
         with self._arrived:
-            while not self._closed:
+            while not self.ended:
                 self._find_topics()
                 bundle = self._assembler.take() if self._assembler is not None and self._is_ready() else None
                 if bundle is not None or time.monotonic() >= end_s:
@@ -561,7 +499,7 @@ class RobotSource:
     def close(self) -> None:
         """Disconnect."""
         with self._arrived:
-            self._closed = True
+            self.ended = True
             self._arrived.notify_all()
         self.link.close()
 
@@ -589,15 +527,16 @@ class RobotSource:
 
     def _choose(self, chosen: Chosen) -> None:
         self.chosen, self._unclear, self._chosen_s = chosen, "", time.monotonic()
+        self.segmentation_source = f"masks of {chosen.masks}" if chosen.masks else "none"
         self._kinds = {t: k for k in ("color", "depth", "masks") if (t := getattr(chosen, k))}
         wanted = tuple(kind for kind in ("color", "masks") if kind in self._kinds.values())
-        self._assembler = Assembler(wanted, self._transforms, self._traffic)
+        self._assembler = Assembler(wanted, self._transforms, self._traffic, self._clock)
 
     def _on_message(self, topic: str, data: bytes, sent_ns: int) -> None:
         """Take a message, from the link's thread: pictures are decoded later, all else at once."""
         with self._arrived:
             chosen = self.chosen
-            if chosen is None or self._closed or self._assembler is None:
+            if chosen is None or self.ended or self._assembler is None:
                 return
             self._checked(topic, lambda: self._take_in(chosen, topic, data, sent_ns))
             self._arrived.notify_all()
@@ -606,7 +545,8 @@ class RobotSource:
         kind = self.offered.get(topic, "")
         assert self._assembler is not None
         if topic in self._kinds:
-            message = Message(raw_stamp_ns(data, ros2=True), (kind, data), sent_ns, raw_frame(data))
+            taken_ns = raw_stamp_ns(data, ros2=True)
+            message = Message(taken_ns, (kind, data), sent_ns, raw_frame(data), self._clock())
             self._assembler.add(self._kinds[topic], message)
         elif topic == chosen.info:
             if self._lens is None:
@@ -628,7 +568,7 @@ class RobotSource:
     def _take_labels(self, text: str) -> None:
         """Take what ids mean: JSON, {"<id>": {"label", "score", "is_thing"}}; what is not said again stays."""
         table = json.loads(text)
-        if not isinstance(table, dict) or len(table) + len(self._labels) > MAX_LABELS:
+        if not isinstance(table, dict) or len(table) > MAX_LABELS:
             raise InputError(f"labels: expected an object of at most {MAX_LABELS} ids, found {text[:40]!r}")
         found = {}
         for key, about in table.items():
@@ -638,6 +578,8 @@ class RobotSource:
             if not (1 <= number <= MAX_SEGMENT_ID and 0.0 <= score <= 1.0):
                 raise InputError(f"labels: expected ids from 1 and scores from 0 to 1, found {key!r} and {score:g}")
             found[number] = Segment(number, label, score, bool(about.get("is_thing", label not in STUFF)))
+        if len(self._labels | found) > MAX_LABELS:
+            raise InputError(f"labels: expected at most {MAX_LABELS} ids in all, found {len(self._labels | found)}")
         self._labels.update(found)
 
     def _shot(self, bundle: Bundle) -> Shot:

@@ -2,19 +2,18 @@
 
 The map does not know how many frames or classes will come, and its frames can be placed again. A frame is projected by
 itself, and what it saw is then replayed onto the map, as a build log is. So the map of a
-sequence played to its end is that of its build, bit for bit, as long as no place was seen too often (`PLACES`). Frames
+sequence played to its end is that of its build, bit for bit, as long as no place was seen too often (`PLACE`). Frames
 whose poses may be corrected are put aside in a scratch file. (Moving what they saw cell by cell needs no pictures, but
 blurs every border by half a cell: on a rendered house panoptic quality fell from .97 to .70, and here it stays at .97.)
 """
 
-import os
-import tempfile
+import sys
 import threading
 import time
-import weakref
-from collections import Counter
-from collections.abc import Sequence
+from collections import Counter, defaultdict, deque
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -40,34 +39,37 @@ from simaps_viz.live.forgetting import Forgetting
 from simaps_viz.live.relocalise import Placement, as_steps, find_placement
 from simaps_viz.live.source import Correction, Shot, Source, Traffic
 from simaps_viz.mapping import finalize
-from simaps_viz.mapping.accumulator import MapAccumulator
+from simaps_viz.mapping.accumulator import UNSEGMENTED_ABOVE_M, MapAccumulator
 from simaps_viz.mapping.changes import Change, as_json, cells_of, changes_in, find_changes, leftovers
 from simaps_viz.mapping.file import check_writable, save_map
 from simaps_viz.mapping.finalize import SequenceFacts
 from simaps_viz.mapping.floor_plan import with_rooms
 from simaps_viz.mapping.partition import applied_steps
 from simaps_viz.mapping.simap import joining_threshold
-from simaps_viz.mapping.steps import FrameStep, pack_step, unpack_step
+from simaps_viz.mapping.steps import FrameStep, OnDisk, pack_step, unnamed_file, unpack_step
 from simaps_viz.segmentation.geometry_stuff import add_stuff
 from simaps_viz.segmentation.protocol import Network
 from simaps_viz.segmentation.sequences import needs_stuff
 from simaps_viz.structures import Frame, Intrinsics, Segment, Segmentation, SIMap
 
-PLACES = (0.5, np.deg2rad(30.0))
+PLACE = (0.25, 0.25, 0.25, np.deg2rad(30.0), np.deg2rad(30.0))
 """Frames are taken from the same place when their cameras share a cube of so many metres, and a sector of headings."""
 SHARE = 0.25
 """Of the time, on another processor than frames, may be spent on making maps to be looked at."""
 BEHIND = 60
 """Frames that may wait to be put aside."""
-FRAMES_A_PLACE = 60
-"""Frames with masks that are kept of one place: what comes later adds geometry only. So the map of a robot that drives
-in circles, or stands, grows with the area and not with time."""
+BLOCK = 1 << 13
+"""What is put aside takes a whole number of blocks of so many bytes, so that others fit where it was."""
+FRAMES_A_PLACE = 10
+"""Frames with masks that are kept of one place: what comes later adds geometry only, until something was forgotten or a
+frame shows something new. From then on as many of the newest are kept beside the first ones, which know what was there
+before. So the map of a robot that drives in circles, or stands, grows with the area and not with time."""
+NEWS_CELLS = 9
+"""In so many cells a frame has to show something new."""
 LOOK_AT = 30
 """Frames from which the place on an earlier map is looked for; without success again at twice as many."""
 MOST_PASSES = 3
 """A map is made again at most so often without what was left of objects that have gone."""
-MOST_ANEW = 5
-"""How often places take frames anew, because something was forgotten: what was moved has to be named elsewhere."""
 PATIENCE = 15
 """So many frames in a row that contradict the map are left out; then they are right, and the map was not."""
 FLOOR_M = 0.05
@@ -93,23 +95,27 @@ _Place = tuple[int, int]
 
 
 class _Scratch:
-    """An unnamed file that disappears with the program; written by one thread, read by another."""
+    """An unnamed file, written by one thread and read by another; what is freed there is written over."""
 
     def __init__(self) -> None:
-        self._file = tempfile.TemporaryFile(prefix="simaps-live-")  # noqa: SIM115 - lives as long as the map
-        self._lock = threading.Lock()
-        weakref.finalize(self, self._file.close)
+        self._file = OnDisk(unnamed_file())
+        self._free: defaultdict[int, list[int]] = defaultdict(list)
 
     def add(self, data: bytes) -> _Place:
-        with self._lock:
-            offset = self._file.seek(0, os.SEEK_END)
-            self._file.write(data)
-            return offset, len(data)
+        blocks = -(-len(data) // BLOCK)
+        try:
+            offset = self._free[blocks].pop()
+        except IndexError:
+            return self._file.add(data + bytes(blocks * BLOCK - len(data))), len(data)
+        self._file.add(data, offset)
+        return offset, len(data)
 
     def read(self, place: _Place) -> bytes:
-        with self._lock:
-            self._file.seek(place[0])
-            return self._file.read(place[1])
+        return self._file.read(*place)
+
+    def free(self, *places: _Place) -> None:
+        for offset, length in places:
+            self._free[-(-length // BLOCK)].append(offset)
 
 
 class GrowingMap:
@@ -136,7 +142,8 @@ class GrowingMap:
         self._waiting: list[Shot] = []
         self._map = finalize.empty_accumulator(source, config)
         self._one = finalize.empty_accumulator(source, config, steps=True)
-        self._kept: list[_Kept] = []
+        self._kept: dict[int, _Kept] = {}
+        """By the frame's index."""
         self._scratch, self._storing = _Scratch(), ThreadPoolExecutor(1, "live-frames")
         self._maker = ThreadPoolExecutor(1, "live-map")
         self._making: Future[tuple[SIMap, float]] | None = None
@@ -144,8 +151,13 @@ class GrowingMap:
         self._make_s = 0.0
         self._far_m = config.projection.far_m
         self._depth_unit_m = self._far_m / 65535
-        self._places: dict[tuple[float, ...], int] = {}
-        self._forgetting, self._anew, self._astray = Forgetting(), 0, 0
+        self._next = 0
+        """Index of the next frame."""
+        self._places: defaultdict[tuple[int, ...], deque[int]] = defaultdict(deque)
+        """The indices of the frames kept of each place, oldest first,"""
+        self._taken: Counter[tuple[int, ...]] = Counter()
+        """and how many were taken since something was forgotten, or new."""
+        self._forgetting, self._astray = Forgetting(), 0
         self.contradicting = 0
         """Frames that were left out, for the map says otherwise."""
 
@@ -155,7 +167,7 @@ class GrowingMap:
         return len(self._map.frames)
 
     def add(self, shot: Shot) -> list[FrameProjected]:
-        """Put a shot on the map; return the events of the frames that the map has taken, while it is so."""
+        """Put a shot on the map; return its event, and those of shots that waited for a floor, while it is so."""
         if self.T_map_world is not None:
             events = self._place(shot)
             self._look_for_place()
@@ -210,16 +222,18 @@ class GrowingMap:
             for accumulator in (self._one, self._map):
                 accumulator.learn(label, is_thing=is_thing)
         fresh, self._forgetting = self._begun(), Forgetting()
-        for i, one in enumerate(self._kept):
+        self._kept = dict(enumerate(self._kept.values(), len(self._earlier)))
+        self._places.clear()
+        self._next = len(self._earlier) + len(self._kept)
+        for pose, (index, one) in zip(poses, self._kept.items(), strict=True):
             stored = one.stored.result()
             step = unpack_step(self._scratch.read(stored[0]))
-            frame, moved = self._project_again(
-                step, one, stored, invert_pose(T_map_world) @ poses[i], index=i + len(self._earlier)
-            )
+            frame, moved = self._project_again(step, one, stored, invert_pose(T_map_world) @ pose, index=index)
             sight = self._forgetting.see(fresh, frame, moved.seen.T_map_camera)
             self._forgetting.take(fresh, sight, frame.index)
             fresh.replay(moved)
-        self._map = fresh
+            self._places[_place_of(moved.seen.T_map_camera)].append(index)
+        self._map, self._taken = fresh, Counter({place: len(here) for place, here in self._places.items()})
 
     def _begun(self) -> MapAccumulator:
         """Return an accumulator with the earlier map, if there is one, and nothing else."""
@@ -236,48 +250,61 @@ class GrowingMap:
         if 0 < self._astray <= PATIENCE:
             self.contradicting += 1
             return []
-        if self._forgetting.take(self._map, sight, self.frames) and self._anew < MOST_ANEW:
-            self._places, self._anew = {}, self._anew + 1
-        kept = masks is not None and self._keeps(T_map_camera)
-        if masks is None or not kept:
+        if self._forgetting.take(self._map, sight, self._next):
+            self._taken.clear()  # what was moved has to be named elsewhere
+        place, kept = _place_of(T_map_camera), masks is not None
+        if masks is None:
             masks = Segmentation(np.zeros(shot.frame.depth_m.shape, np.int32), ())
         for segment in masks.segments:
             for accumulator in (self._one, self._map):
                 accumulator.learn(segment.label, is_thing=segment.is_thing)
         # What the frame saw by itself, and then on top of all others.
-        frame = replace(shot.frame, index=self.frames)
+        frame = replace(shot.frame, index=self._next)
         self._one.clear()
         seen = self._one.add_frame(frame, masks, T_map_camera)
         step = self._one.step
         assert step is not None
+        if kept and self._taken[place] >= FRAMES_A_PLACE:
+            if self._shows_news(step):
+                self._taken.clear()  # what was brought has to be named
+            kept = not self._taken[place]
         self._map.replay(step, geometry_only=not kept)
-        if not kept:
-            return []
-        if shot.T_odom_camera is not None or self.earlier is not None:
-            if self._kept and len(self._kept) >= BEHIND:
-                self._kept[-BEHIND].stored.result()  # the disk is slower than the camera
-            stored = self._storing.submit(self._store, step, frame, masks)
-            self._kept.append(_Kept((shot.epoch, shot.stamp_ns), shot.T_odom_camera, frame.intrinsics, stored))
+        if kept:
+            self._taken[place] += 1
+            self._keep(shot, step, frame, masks, self._places[place])
+        else:
+            frame = replace(frame, index=max(self._next - 1, 0))
         nothing = np.zeros((0, 4), np.int32)
         return [
             FrameProjected(
                 frame=frame, segmentation=masks, T_map_camera=T_map_camera,
                 cells=(seen - np.array(self._map.origin_cell, np.int32)).astype(np.int32),
                 new_edges=nothing, new_edge_labels=np.zeros(0, np.int16),
-                snapshot=self._map.snapshot, map_so_far=self.newest_map,
+                snapshot=self._map.snapshot, map_so_far=self.newest_map, kept=kept,
             )
         ]  # fmt: skip
 
-    def _keeps(self, T_map_camera: NDArray) -> bool:
-        """Whether the map still takes frames from here."""
-        forward = T_map_camera[:3, 2]
-        sector = (
-            int(np.arctan2(forward[1], forward[0]) // PLACES[1]),
-            int(np.arcsin(np.clip(forward[2], -1, 1)) // PLACES[1]),
-        )
-        place = (*np.floor(T_map_camera[:3, 3] / PLACES[0]).astype(int).tolist(), *sector)
-        self._places[place] = count = self._places.get(place, 0) + 1
-        return count <= FRAMES_A_PLACE
+    def _shows_news(self, step: FrameStep) -> bool:
+        """Whether a frame sees what no frame with masks has seen, or something on top of it."""
+        readings, tiles = step.seen.readings, self._map.tiles
+        top_m = tiles.top[tiles.locate(readings.rows, readings.cols)]
+        return np.count_nonzero(readings.height_m > top_m + UNSEGMENTED_ABOVE_M) >= NEWS_CELLS
+
+    def _keep(self, shot: Shot, step: FrameStep, frame: Frame, masks: Segmentation, here: deque[int]) -> None:
+        """Keep a frame of the map; of too many from its place one that is neither old nor new goes."""
+        self._next += 1
+        if shot.T_odom_camera is not None or self.earlier is not None:
+            if (late := self._kept.get(frame.index - BEHIND)) is not None:
+                late.stored.result()  # the disk is slower than the camera
+            stored = self._storing.submit(self._store, step, frame, masks)
+            self._kept[frame.index] = _Kept((shot.epoch, shot.stamp_ns), shot.T_odom_camera, frame.intrinsics, stored)
+        here.append(frame.index)
+        if len(here) > 2 * FRAMES_A_PLACE:
+            dropped = here[FRAMES_A_PLACE]
+            del here[FRAMES_A_PLACE]
+            self._map.frames.drop(dropped)
+            if (one := self._kept.pop(dropped, None)) is not None:
+                self._scratch.free(*one.stored.result())
 
     def _store(self, step: FrameStep, frame: Frame, masks: Segmentation) -> tuple[_Place, _Place, _Place]:
         """Put aside what placing a frame again needs, in the storing thread."""
@@ -292,22 +319,24 @@ class GrowingMap:
 
         What frames without masks saw is not kept, and comes again when they do.
         """
-        since, kept = (correction.epoch, correction.since_ns), self._kept
-        moving = [one.T_odom_camera if one.shot >= since and one.shot[0] == correction.epoch else None for one in kept]
-        at = [i for i, one in enumerate(moving) if one is not None]
-        if not at or self.T_map_world is None or len(kept) + len(self._earlier) != self.frames:
+        since = correction.epoch, correction.since_ns
+        moving = {
+            index: one.T_odom_camera for index, one in self._kept.items()
+            if one.shot >= since and one.shot[0] == correction.epoch and one.T_odom_camera is not None
+        }  # fmt: skip
+        if not moving or self.T_map_world is None or len(self._kept) + len(self._earlier) != self.frames:
             return 0
-        T_world_odom = correction.T_world_odom(np.array([kept[i].shot[1] for i in at], np.int64))
-        poses = dict(zip(at, T_world_odom, strict=True))
+        T_world_odom = correction.T_world_odom(np.array([self._kept[index].shot[1] for index in moving], np.int64))
+        poses = {index: T @ moving[index] for index, T in zip(moving, T_world_odom, strict=True)}
         fresh = self._begun()
-        for i, (one, T_odom_camera) in enumerate(zip(kept, moving, strict=True)):
+        for index, one in self._kept.items():
             stored = one.stored.result()
             step = unpack_step(self._scratch.read(stored[0]))
-            if T_odom_camera is not None:
-                step = self._project_again(step, one, stored, poses[i] @ T_odom_camera, index=step.seen.index)[1]
+            if index in poses:
+                step = self._project_again(step, one, stored, poses[index], index=index)[1]
             fresh.replay(step)
         self._map, self._forgetting = fresh, Forgetting()
-        return len(at)
+        return len(moving)
 
     def _project_again(
         self, step: FrameStep, one: _Kept, stored: tuple[_Place, _Place, _Place], T_world_camera: NDArray, *, index: int
@@ -324,6 +353,7 @@ class GrowingMap:
         self._one.add_frame(frame, Segmentation(ids, step.seen.segments), np.asarray(self.T_map_world) @ T_world_camera)
         moved = self._one.step
         assert moved is not None
+        self._scratch.free(stored[0])
         one.stored = Future()
         one.stored.set_result((self._scratch.add(pack_step(moved)), *stored[1:]))
         return frame, moved
@@ -372,13 +402,20 @@ class GrowingMap:
         threshold = joining_threshold(self.config.method, self.config.parameters())
         applied = applied_steps(found.log, threshold)
         for event in (
-            CommunitiesFound(found.grid, found.community, self.frames - 1, final=True),
+            CommunitiesFound(found.grid, found.community, self._next - 1, final=True),
             MergesFound(found.grid, found.community, found.log, applied),
             BuildFinished(simap),
         ):
             notify(observers, event)
         self._newest = simap
         return simap
+
+
+def _place_of(T_map_camera: NDArray) -> tuple[int, ...]:
+    """Return the place that a frame is taken from: its cube and sectors, see `PLACE`."""
+    forward = T_map_camera[:3, 2]
+    angles = np.arctan2(forward[1], forward[0]), np.arcsin(np.clip(forward[2], -1, 1))
+    return tuple(int(at // size) for at, size in zip((*T_map_camera[:3, 3], *angles), PLACE, strict=True))
 
 
 def _made(
@@ -437,6 +474,22 @@ def warm_up(config: BuildConfig) -> None:
     finalize.map_so_far(again, facts, config)
 
 
+@contextmanager
+def _prompt_threads() -> Iterator[None]:
+    """Let threads of Python take turns sooner, within a block.
+
+    A frame lets go of the interpreter dozens of times, in kernels and for messages. While another thread makes a map or
+    its messages it gets it back after the switch interval, each time: 5 ms by default, so a tenth of a second a frame.
+    """
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(SWITCH_S)
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(before)
+
+
+SWITCH_S = 0.0005
 TAKE_S = 0.1
 """Every so often it is looked whether to stop."""
 CORRECT_S = 2.0
@@ -508,7 +561,7 @@ class LiveRun:
         notify(observers, self.started())
         warm_up(request.config)
         self._last_s = time.monotonic()
-        with ThreadPoolExecutor(1, "live-masks") as pool:
+        with _prompt_threads(), ThreadPoolExecutor(1, "live-masks") as pool:
             masks = _Masks(request.network, pool) if request.network is not None else None
             while not (cancel.is_set() or source.ended or self._silent()):
                 shot = source.take(TAKE_S)
@@ -517,6 +570,7 @@ class LiveRun:
                     self._put(one, observers)
                 if shot is not None:
                     self._last_s = time.monotonic()  # what comes while a shot takes long is no silence
+            self._correct(wait=False)
             for one in masks.rest(growing) if masks is not None else ():
                 self._put(one, observers)
         for event in growing.finish_waiting():
@@ -543,9 +597,9 @@ class LiveRun:
         limit_s = self.request.idle_stop_s
         return limit_s is not None and time.monotonic() - self._last_s > limit_s
 
-    def _correct(self) -> None:
-        now_s = time.monotonic()
-        if now_s - self._corrected_s >= CORRECT_S and (correction := self.request.source.correction()) is not None:
+    def _correct(self, *, wait: bool = True) -> None:
+        due = not wait or time.monotonic() - self._corrected_s >= CORRECT_S
+        if due and (correction := self.request.source.correction()) is not None:
             self.moved += self.growing.place_again(correction)
             self._corrected_s = time.monotonic()
 

@@ -7,7 +7,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from simaps_viz.errors import InputError
 from simaps_viz.segmentation.protocol import Network
 from simaps_viz.structures import Frame, Segmentation
 
+MAX_REASONS = 20
 DELAYS = 150
 """Shots over which delays and clocks are judged: five seconds at 30 Hz."""
 
@@ -54,59 +55,43 @@ class Correction:
     T_world_odom: PosesAgain
 
 
-class Source(Protocol):
+class Source:
     """Where frames come from. ``take`` is called by one thread, all else by any."""
 
-    @property
-    def name(self) -> str:
-        """Address or name, for the map and for people."""
-        ...
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Class names known beforehand, index 0 is "none"; more may come with the frames."""
-        ...
-
-    @property
-    def is_thing(self) -> tuple[bool, ...]:
-        """Aligned with ``labels``."""
-        ...
-
-    @property
-    def segmentation_source(self) -> str:
-        """In words."""
-        ...
-
-    @property
-    def simulated(self) -> bool:
-        """Frames or masks are simulated."""
-        ...
-
-    @property
-    def T_map_world(self) -> NDArray | None:
-        """float64 [4, 4], world to map frame; None: z is up, and the floor has to be found."""
-        ...
-
-    @property
-    def ended(self) -> bool:
-        """Nothing more will come."""
-        ...
+    name: str
+    """Address or name, for the map and for people."""
+    labels: tuple[str, ...] = ("none",)
+    """Class names known beforehand, index 0 is "none"; more may come with the frames."""
+    is_thing: tuple[bool, ...] = (False,)
+    """Aligned with ``labels``."""
+    segmentation_source = "none"
+    """In words."""
+    simulated = False
+    """Frames or masks are simulated."""
+    T_map_world: NDArray | None = None
+    """float64 [4, 4], world to map frame; None: z is up, and the floor has to be found."""
+    ended = False
+    """Nothing more will come."""
 
     def take(self, timeout_s: float) -> Shot | None:
-        """Return the next shot; None where none has come in that time, or it is of no use."""
-        ...
+        """Return the next shot; None where none has come in that time, or it is of no use.
+
+        Raises:
+            InputError: none ever will.
+        """
+        raise NotImplementedError
 
     def correction(self) -> Correction | None:
-        """Return what has been corrected since the last call; None = nothing."""
-        ...
+        """Return what has been corrected since the last call; None = nothing: recordings and phones never say so."""
+        return None
 
     def words(self) -> str:
         """Describe the state of the connection in a few words; "" where there is none."""
-        ...
+        return ""
 
     def close(self) -> None:
         """Stop; ``take`` returns at once from now on."""
-        ...
+        self.ended = True
 
 
 @dataclass
@@ -123,7 +108,9 @@ class Traffic:
     _delay_s: deque[float] = field(default_factory=lambda: deque(maxlen=DELAYS))
 
     def drop(self, why: str) -> None:
-        """Count something that was left out."""
+        """Count something that was left out; of more than `MAX_REASONS`, as of a broken sender, not each by itself."""
+        if len(self.dropped) >= MAX_REASONS and why not in self.dropped:
+            why = "other reasons"
         self.dropped[why] = self.dropped.get(why, 0) + 1
 
     def place(self, shot: Shot) -> None:
@@ -175,7 +162,7 @@ def times_of(names: tuple[str, ...]) -> NDArray:
     return np.arange(len(names)) / RATE_HZ if times is None else times - times[0]
 
 
-class PlayedSequence:
+class PlayedSequence(Source):
     """The frames of a sequence as they come. Frames that cannot be read are left out and counted."""
 
     def __init__(self, sequence: FrameSource, *, at_pace: bool = True, network: Network | None = None) -> None:
@@ -190,16 +177,11 @@ class PlayedSequence:
         self.name, self.simulated = sequence.name, sequence.simulated
         self.labels, self.is_thing = (("none",), (False,)) if network else (sequence.labels, sequence.is_thing)
         self.segmentation_source = network.name if network else sequence.segmentation_source
-        self.T_map_world: NDArray | None = sequence.T_map_world
+        self.T_map_world = sequence.T_map_world
         self.unreadable = 0
         self._times = times_of(sequence.frame_names)
         self._at_pace, self._masked = at_pace, network is None
-        self._next, self._began_s, self._closed = 0, 0.0, False
-
-    @property
-    def ended(self) -> bool:
-        """The last frame has come."""
-        return self._closed or self._next >= len(self.sequence)
+        self._next, self._began_s, self.ended = 0, 0.0, not len(sequence)
 
     def take(self, timeout_s: float) -> Shot | None:
         """Return the next frame when it is due."""
@@ -214,6 +196,7 @@ class PlayedSequence:
             return None
         time.sleep(max(due_s - now_s, 0.0))
         self._next += 1
+        self.ended |= self._next >= len(self.sequence)
         late = self._at_pace and time.monotonic() - due_s > LATE_S
         try:
             frame = self.sequence.read(index, color=not self._masked)
@@ -228,15 +211,7 @@ class PlayedSequence:
         """Read a frame's colour image, uint8 [H, W, 3]."""
         return self.sequence.read(index, color=True).color
 
-    def correction(self) -> Correction | None:
-        """Return None: a recording does not change."""
-        return None
-
     def words(self) -> str:
         """Describe how far it is."""
         lost = f", {self.unreadable} could not be read" if self.unreadable else ""
         return f"frame {self._next} of {len(self.sequence)}{lost}"
-
-    def close(self) -> None:
-        """Stop."""
-        self._closed = True

@@ -200,6 +200,14 @@ class MapAccumulator:
             self.links.add(step.links)
         self.frames.append(seen.witness)
 
+    def empty(self, rows: NDArray, cols: NDArray) -> NDArray:
+        """Forget what was seen in some cells, int32 [n] each, but for readings; return where they lie in the tiles."""
+        if len(self._unsegmented):
+            self._unsegmented.empty(self._unsegmented.locate(rows, cols))
+        at = self.tiles.locate(rows, cols)
+        self.tiles.empty(at)
+        return at
+
     def merge(self, other: "MapAccumulator") -> None:
         """Add what was gathered of other frames of the same sequence, with the same settings, in any order.
 

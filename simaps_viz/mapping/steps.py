@@ -29,6 +29,7 @@ import threading
 import weakref
 import zlib
 from array import array
+from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from io import FileIO
@@ -464,8 +465,8 @@ class FrameList(LazySequence[FrameSeen]):
         self._offset, self._length, self._file = array("q"), array("q"), array("h")  # file -1 = held
         self._held: dict[int, FrameSeen] = {}
         self._held_bytes = 0
-        self._files: list[_OnDisk] = []
-        self._scratch = -1
+        self._files: list[OnDisk] = []
+        self._scratch, self._wasted = -1, 0
         self._log: Path | None = None
         self._logged: Sequence[StepRecord] = ()
 
@@ -534,6 +535,25 @@ class FrameList(LazySequence[FrameSeen]):
             self.skipped[frame.index] = frame.skipped
         self._hold(frame)
         self._limit_memory()
+
+    def drop(self, index: int) -> None:
+        """Forget the frame of an index, and its place on disk once frames that are gone hold too much there."""
+        at = bisect_left(self.indices, index)
+        self.skipped.pop(index, None)
+        if (frame := self._held.pop(index, None)) is not None:
+            self._held_bytes -= _bytes_of(frame)
+        elif self._file[at] == self._scratch:
+            self._wasted += self._length[at]
+        del self._poses[16 * at : 16 * (at + 1)], self.names[at]
+        for entries in (self.indices, self._offset, self._length, self._file):
+            del entries[at]
+        if self._wasted > HELD_BYTES:
+            # into a new file: copies may still read the old one, which goes with the last of them
+            old, self._wasted, fresh = self._files[self._scratch], 0, OnDisk(unnamed_file())
+            for at, number in enumerate(self._file):
+                if number == self._scratch:
+                    self._offset[at] = fresh.add(old.read(self._offset[at], self._length[at]))
+            self._files[self._scratch] = fresh
 
     def copy(self) -> "FrameList":
         """Return an independent copy, which shares what frames saw."""
@@ -609,8 +629,7 @@ class FrameList(LazySequence[FrameSeen]):
                 self._scratch = len(self._files)
                 # beside the log if there is one: the system's own folder may be in memory
                 folder = None if self._log is None else self._log.absolute().parent
-                scratch = tempfile.TemporaryFile(buffering=0, prefix="simaps-frames-", dir=folder)  # noqa: SIM115
-                self._files.append(_OnDisk(scratch))  # which closes it
+                self._files.append(OnDisk(unnamed_file(folder)))
             offset = self._files[self._scratch].add(packed)
         except OSError as error:
             raise InputError(f"frames: could not be put aside on disk: {error.strerror or error}") from error
@@ -621,11 +640,16 @@ class FrameList(LazySequence[FrameSeen]):
         for number, known in enumerate(self._files):
             if known.name == str(path):
                 return number
-        self._files.append(_OnDisk(open(path, "rb", buffering=0)))  # noqa: SIM115 - closed by its holder
+        self._files.append(OnDisk(open(path, "rb", buffering=0)))  # noqa: SIM115 - closed by its holder
         return len(self._files) - 1
 
 
-class _OnDisk:
+def unnamed_file(folder: Path | None = None) -> IO[bytes]:
+    """Open a file that disappears with the program."""
+    return tempfile.TemporaryFile(buffering=0, prefix="simaps-frames-", dir=folder)
+
+
+class OnDisk:
     """An open file, closed when the last list that reads it is gone. Several threads may use it."""
 
     def __init__(self, file: IO[bytes]) -> None:
@@ -633,14 +657,21 @@ class _OnDisk:
         weakref.finalize(self, file.close)
 
     def read(self, offset: int, length: int) -> bytes:
+        """Return so many bytes from an offset."""
         with self._lock:
             self._file.seek(offset)
             return self._file.read(length)
 
-    def add(self, data: bytes) -> int:
-        """Write at the end, and return the offset of what was written."""
+    @property
+    def size(self) -> int:
+        """Bytes of the file."""
         with self._lock:
-            offset = self._file.seek(0, os.SEEK_END)
+            return self._file.seek(0, os.SEEK_END)
+
+    def add(self, data: bytes, offset: int | None = None) -> int:
+        """Write at the end, or at an offset, and return the offset of what was written."""
+        with self._lock:
+            offset = self._file.seek(0, os.SEEK_END) if offset is None else self._file.seek(offset)
             view = memoryview(data)
             while view:
                 view = view[self._file.write(view) :]

@@ -403,7 +403,8 @@ class RerunRecorder:
         if isinstance(event, BuildStarted):
             self._on_started(event)
         elif isinstance(event, FrameProjected):
-            self._on_frame(event)
+            if event.kept:
+                self._on_frame(event)
         elif isinstance(event, CommunitiesFound) and event.final:
             self._communities = event  # in colours that only the finished map knows
         elif isinstance(event, CommunitiesFound):

@@ -35,10 +35,6 @@ class Robot(PlayedSequence):
         shot = super().take(timeout_s)
         return None if shot is None else replace(shot, sent_ns=shot.sent_ns - 40_000_000)
 
-    @property
-    def ended(self):
-        return self._closed
-
     def words(self):
         return "connected"
 
@@ -46,7 +42,8 @@ class Robot(PlayedSequence):
 def test_the_page_says_what_comes_while_the_map_grows_and_ending_it_saves_the_map(browser, tmp_path, monkeypatch):
     at_once(monkeypatch)
     monkeypatch.setattr("simaps_viz.live.run.SHARE", 1.0)
-    write_tiny_sequence(tmp_path / "tiny", frames=LAST)
+    monkeypatch.setattr("simaps_viz.live.run.FRAMES_A_PLACE", LAST)
+    write_tiny_sequence(tmp_path / "tiny", frames=LAST + 1)
     traffic = Traffic()
     robot = Robot(open_sequence(tmp_path / "tiny"), traffic)
     request = LiveRequest(robot, BuildConfig(), tmp_path / "m.npz", traffic=traffic)

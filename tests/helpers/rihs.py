@@ -10,7 +10,7 @@ from typing import Any
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import get_types_from_msg
 
-from simaps_viz.live.robot import message_types
+from simaps_viz.live.links import message_types
 
 NUMBERS = {
     "int8": 2, "uint8": 3, "int16": 4, "uint16": 5, "int32": 6, "uint32": 7, "int64": 8, "uint64": 9, "float32": 10,

@@ -10,9 +10,8 @@ from waiting import until
 
 from simaps_viz.events import BuildFinished
 from simaps_viz.live import drive
-from simaps_viz.live.drive import LEASH_M, Driver, resampled
-from simaps_viz.live.out import GOAL, OUT, PATH, MapPublisher, Messages
-from simaps_viz.live.robot import message_types
+from simaps_viz.live.drive import GOAL, LEASH_M, OUT, PATH, Driver, MapPublisher, Messages, resampled
+from simaps_viz.live.links import message_types
 
 
 class Robot:

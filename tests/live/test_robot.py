@@ -36,14 +36,12 @@ from simaps_viz.build.pipeline import BuildConfig, build_map
 from simaps_viz.cli.main import main
 from simaps_viz.errors import InputError
 from simaps_viz.live import drive, robot, run
-from simaps_viz.live.drive import Driver
-from simaps_viz.live.foxglove import FoxgloveLink
-from simaps_viz.live.out import MAP, OBJECTS, OUT, MapPublisher
+from simaps_viz.live.drive import MAP, OBJECTS, OUT, Driver, MapPublisher
+from simaps_viz.live.links import FoxgloveLink, ZenohLink, dds_name, publisher_of
 from simaps_viz.live.robot import RobotSource
 from simaps_viz.live.run import LiveRequest, LiveRun
 from simaps_viz.live.source import Traffic
 from simaps_viz.live.topics import TopicNames, choose_topics
-from simaps_viz.live.zenoh import ZenohLink, dds_name, publisher_of
 from simaps_viz.viewer.panels.live import LivePanel
 
 FRAMES = 45
@@ -60,6 +58,7 @@ def patient(monkeypatch):
     """Whatever comes is waited for: how fast the machine is decides nothing."""
     monkeypatch.setattr(robot, "LISTEN_S", 0.0)
     monkeypatch.setattr(run, "CORRECT_S", 0.1)
+    monkeypatch.setattr(run, "FRAMES_A_PLACE", FRAMES)  # all of them, as in a build
     monkeypatch.setattr(robot, "WAIT_S", dict.fromkeys(robot.WAIT_S, 60.0))
     monkeypatch.setattr(robot, "BUSY", 1000)
     monkeypatch.setattr(robot, "HELD", 1000)

@@ -16,7 +16,7 @@ from simaps_viz.build.pipeline import BuildConfig, build_map
 from simaps_viz.cli.main import main
 from simaps_viz.errors import InputError
 from simaps_viz.live.run import GrowingMap, LiveRequest, LiveRun
-from simaps_viz.live.source import Correction, PlayedSequence, Shot, times_of
+from simaps_viz.live.source import Correction, PlayedSequence, Shot, Traffic, times_of
 from simaps_viz.mapping.file import load_map
 
 FRAMES = 9
@@ -67,6 +67,39 @@ def test_a_place_that_was_seen_often_takes_no_more_frames_but_their_geometry(tin
     simap, run = live(PlayedSequence(tiny, at_pace=False), tmp_path)
     assert len(simap.frame_names) == run.growing.frames == 4 < run.traffic.placed
     same(simap, build_map(tiny), but=(6,))
+
+
+def test_once_something_was_forgotten_the_newest_frames_are_kept_beside_the_first_ones(tiny, monkeypatch):
+    monkeypatch.setattr("simaps_viz.live.run.FRAMES_A_PLACE", 4)
+    one = GrowingMap(PlayedSequence(tiny), BuildConfig())
+    put = lambda: [event.kept for shot in shots(tiny) for event in one.add(shot)]  # noqa: E731
+    assert put() == [True] * 4 + [False] * 5 and put() == [False] * 9 and one.frames == 4
+    sizes, names = [], []
+    for _ in range(6):
+        one._taken.clear()  # as when something was forgotten
+        assert put() == [True] * 4 + [False] * 5
+        assert one.frames == len(one._kept) == 8
+        assert one.place_again(Correction(0, 0, lambda stamps: np.repeat(np.eye(4)[None], len(stamps), axis=0))) == 8
+        [one.stored.result() for one in one._kept.values()]
+        sizes.append(one._scratch._file.size)
+        names.append(tuple(one._map.frames.indices))
+    assert sizes[-1] == sizes[1]  # what was put aside before is written over
+    assert names == [(0, 1, 2, 3, *range(4 * i + 4, 4 * i + 8)) for i in range(6)]
+    same(one.map_so_far(), build_map(tiny), but=(2, 3, 4, 6))
+
+
+def test_frames_that_are_not_kept_show_the_map_too(tiny, monkeypatch):
+    monkeypatch.setattr("simaps_viz.live.run.FRAMES_A_PLACE", 4)
+    one = GrowingMap(PlayedSequence(tiny), BuildConfig())
+    *_, last = [event for shot in shots(tiny) for event in one.add(shot)]
+    assert not last.kept and last.map_so_far is not None and last.map_so_far().instances
+
+
+def test_reasons_why_frames_are_dropped_stay_few():
+    traffic = Traffic()
+    for i in range(1000):
+        traffic.drop(f"malformed, number {i}")
+    assert len(traffic.dropped) <= 21 and sum(traffic.dropped.values()) == 1000
 
 
 def test_sequences_without_times_are_played_at_30_hz_and_others_at_their_own():
@@ -131,10 +164,6 @@ class Silent(PlayedSequence):
     def take(self, timeout_s):
         self.left -= 1
         return super().take(timeout_s) if self.left >= 0 else None
-
-    @property
-    def ended(self):
-        return False
 
 
 def test_a_frame_that_takes_longer_than_silence_may_last_ends_nothing(tiny, tmp_path, monkeypatch):

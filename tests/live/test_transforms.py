@@ -43,8 +43,9 @@ def test_poses_are_interpolated_and_those_to_come_are_waited_for():
 
 def test_nothing_is_made_up_over_a_gap_before_the_beginning_or_in_a_circle():
     one = robot()
-    one.add("odom", "base", 11 * S, pose(4.4), fixed=False)
-    for at_s, words in ((10.5, "silent for 1.0 s"), (-1.0, "before the first")):
+    for at in (110, 113):
+        one.add("odom", "base", at * S // 10, pose(5.4), fixed=False)
+    for at_s, words in ((10.5, "silent for more than 0.5 s"), (-1.0, "before the first")):
         with pytest.raises(LookupError, match=words):
             x_of(one, at_s)
     one.add("base", "map", 0, pose(), fixed=True)
@@ -96,3 +97,45 @@ def test_the_robot_is_what_odom_carries_and_its_pose_ages(monkeypatch):
     later_s = time.monotonic() + 9.0
     monkeypatch.setattr("simaps_viz.live.robot.time.monotonic", lambda: later_s)
     assert (again := one.robot()) is not None and again[2] >= 9.0
+
+
+def arc(at_s, *, until_s=99.0):
+    """Where a robot is that drives an arc of 0.4 m/s and 0.3 rad/s, up to a time."""
+    turned = 0.3 * min(at_s, until_s)
+    return pose(0.4 / 0.3 * np.sin(turned), 0.4 / 0.3 * (1 - np.cos(turned)), turned)
+
+
+@pytest.mark.parametrize("until_s", [99.0, 1.0])
+def test_a_silence_is_bridged_where_the_robot_has_kept_its_speed_or_has_stood(until_s):
+    one = LiveTransforms()
+    one.add("base", "camera", 0, pose(), fixed=True)
+    one.add("map", "odom", 0, pose(), fixed=False)
+    at_s = [i / 10 for i in (*range(21), *range(50, 54))]
+    for at in at_s[:-1]:
+        one.add("odom", "base", int(at * S), arc(at, until_s=until_s), fixed=False)
+    assert one.pose("camera", 3 * S) is None  # how it goes on tells
+    one.add("odom", "base", int(at_s[-1] * S), arc(at_s[-1], until_s=until_s), fixed=False)
+    for at in (2.5, 3.0, 4.5):
+        found = one.pose("camera", int(at * S))
+        assert found is not None and np.allclose(found.T_world_camera, arc(at, until_s=until_s), atol=1e-6)
+
+
+def test_a_silence_in_which_the_robot_has_turned_otherwise_or_that_is_long_is_not_bridged():
+    for ways, silent_s in (((arc, lambda at: arc(at, until_s=3.0)), 3), ((arc, arc), 5)):
+        one = LiveTransforms()
+        one.add("base", "camera", 0, pose(), fixed=True)
+        for way, begins in zip(ways, (0, 20 + 10 * silent_s), strict=True):
+            for i in range(begins, begins + 21):
+                one.add("odom", "base", i * S // 10, way(i / 10), fixed=False)
+        with pytest.raises(LookupError, match="silent for more than"):
+            one.pose("camera", 3 * S)
+
+
+def test_map_to_odom_holds_while_it_is_silent_and_odometry_goes_on():
+    one = robot(steps=((0.0, 2.0),), seconds=120)
+    assert x_of(one, 119.0) == pytest.approx(2.0 + 1.0 + 0.4 * 119)
+
+
+def test_steps_of_a_long_drive_are_not_kept_for_ever():
+    one = robot(steps=[(at / 10, 0.2 * at) for at in range(2000)], seconds=1)
+    assert len(one._steps) < 300 and one.correction() is not None

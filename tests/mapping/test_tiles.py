@@ -173,6 +173,24 @@ def test_a_build_whose_frames_lie_on_disk_is_the_build_in_memory(tiny, method, t
     assert saved(map_so_far(apart.copy(), facts_of(tiny), config), tmp_path) == wanted
 
 
+@pytest.mark.parametrize("held", [0, 20_000, 1 << 30])
+def test_dropped_frames_are_gone_and_their_place_on_disk_is_given_back(held, monkeypatch):
+    monkeypatch.setattr(steps, "HELD_BYTES", held)
+    whole, parts = accumulator(), list(random_frames(5, frames=12))
+    for part in parts:
+        whole.add_frame(*part)
+    before, copied = [pack_step(steps._alone(one)) for one in whole.frames], whole.frames.copy()
+    for index in (0, 11, 4, 5, 6, 7):
+        whole.frames.drop(index)
+    left = [1, 2, 3, 8, 9, 10]
+    assert list(whole.frames.indices) == left == [one.index for one in whole.frames]
+    assert whole.frames.names == [parts[i][0].name for i in left] and len(whole.frames.poses) == 6
+    assert [pack_step(steps._alone(one)) for one in whole.frames] == [before[i] for i in left]
+    assert [pack_step(steps._alone(one)) for one in copied] == before  # copies keep theirs
+    if not held:
+        assert whole.frames._files[whole.frames._scratch].size < copied._files[0].size
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_votes_pairs_and_views_do_not_depend_on_the_batches(seed, monkeypatch):
     whole = accumulator()
