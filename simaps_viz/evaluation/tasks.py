@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from simaps_viz.errors import CommandError, InputError
 from simaps_viz.evaluation.world import TrueObject, World
-from simaps_viz.language import lexicon
+from simaps_viz.language import words as known_words
 from simaps_viz.language.commands import read_command
 from simaps_viz.language.words import Vocabulary, plain
 from simaps_viz.navigation.robot import CLEARANCE_M
@@ -199,7 +199,7 @@ PHRASINGS: Final[dict[str, tuple[str, ...]]] = {
 a rank that the class does not have. ``next_to`` is for two things less than a metre apart; ``absent_things`` are words
 for things that scenes seldom have, of which those a scene has are left out.
 """
-ORDINALS: Final = tuple(lexicon.ORDINALS)[:10]
+ORDINALS: Final = tuple(known_words.ORDINALS)[:10]
 _MOST: Final = {
     "left": "leftmost", "right": "rightmost", "north": "northernmost", "south": "southernmost", "east": "easternmost",
     "west": "westernmost",
