@@ -66,8 +66,8 @@ def _messages(session: Any) -> list[dict[str, Any]]:
 def _page(folder: Path) -> Case:
     import msgspec.msgpack  # noqa: PLC0415 - the page's libraries are slow to load
     from browser import toy_workbench  # noqa: PLC0415 - as above
-    from every_service import all_services  # noqa: PLC0415 - as above
     from fake_page import FakePage  # noqa: PLC0415 - as above
+    from services import all_services  # noqa: PLC0415 - as above
     from websockets.exceptions import ConnectionClosed  # noqa: PLC0415 - as above
 
     heard, kept = _Heard(), contextlib.ExitStack()  # until the process ends

@@ -288,7 +288,7 @@ class GrowingMap:
         """Whether a frame sees what no frame with masks has seen, or something on top of it."""
         readings, tiles = step.seen.readings, self._map.tiles
         top_m = tiles.top[tiles.locate(readings.rows, readings.cols)]
-        return np.count_nonzero(readings.height_m > top_m + UNSEGMENTED_ABOVE_M) >= NEWS_CELLS
+        return int(np.count_nonzero(readings.height_m > top_m + UNSEGMENTED_ABOVE_M)) >= NEWS_CELLS
 
     def _keep(self, shot: Shot, step: FrameStep, frame: Frame, masks: Segmentation, here: deque[int]) -> None:
         """Keep a frame of the map; of too many from its place one that is neither old nor new goes."""
