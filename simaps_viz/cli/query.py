@@ -12,7 +12,7 @@ from simaps_viz.errors import InputError
 
 @dataclass(frozen=True)
 class Query:
-    """Give a simulated robot on a map commands or questions, in English or as programs; print its answers.
+    """Ask or command a simulated robot on a map, in English or by programs; print its answers.
 
     Example: simaps query cafe.npz "go to the third chair" "how many tables are there?" --pose 1.5 2 90 --json
     """

@@ -533,7 +533,7 @@ def _text(lines: Sequence[_Line], indent: str) -> list[str]:
     found: list[str] = []
 
     def assign(mention: _Mention, line: _Line) -> None:
-        """Give what is named again its variable before the line that names it first."""
+        """Assign what is named again to a variable, before the line that names it first."""
         for other in mention.needs:
             assign(other, line)
         if mention.name and not mention.assigned:
