@@ -172,10 +172,12 @@ def test_other_settings_of_the_same_map_follow_the_slider(bench):
     _, panel, page = bench
     choose(panel, page, "Right", "This map, other settings")
     page.get_by_role("button", name="Compare", exact=True).click()
+    split = page.get_by_role("button", name="split · chair 1 → 1 + 2").first
+    expect(split).to_be_visible()  # the right side begins 20 % away
+    row_of(page, "Right K (%)").last.fill("5")
     expect(page.get_by_text("No differences")).to_be_visible()
     row_of(page, "Right K (%)").last.fill("30")
-    until(page, lambda: bool(panel.maps and panel.maps.items))
-    expect(page.get_by_role("button", name="split · chair 1 → 1 + 2").first).to_be_visible()
+    expect(split).to_be_visible()
     assert panel.maps.right.title == "K 30 %, resolution 1"
 
 
