@@ -40,9 +40,10 @@ class FrameProjected:
     """int16 [m], class index of each."""
     snapshot: Callable[[], Grid]
     """Copies the map as it is now; call it before returning."""
-    map_so_far: Callable[[], SIMap] | None = None
+    map_so_far: Callable[[], SIMap | None] | None = None
     """Computes the complete map of the frames so far, as a build of these alone would (0.05 to 0.1 s for a flat); call
-    it before returning. None where the method cannot."""
+    it before returning. None where the method cannot. A live map is that of the frames a moment ago, and None before
+    the first is made."""
     kept: bool = True
     """False: a live frame that shows only what is free and what is not, and is none of the map's."""
 

@@ -181,7 +181,8 @@ def long_play(sequence: PosedFrames, frames: int, every: int, width: int) -> Ite
         if i % LOOK_EVERY == 0:
             growing.newest_map()
         if i % every == 0:
-            grid = growing.newest_map().grid
+            simap = growing.newest_map() or growing.map_so_far()
+            grid = simap.grid
             area_m2 = float(np.isfinite(grid.height_m).sum()) * grid.spec.cell_size_m**2
             yield Growth(i, *_memory_and_disk_mb(), growing.frames, area_m2)
 

@@ -267,7 +267,9 @@ class LiveBuild:
             logger.error("the map of a stopped build could not be shown", exc_info=error)
         self._for_stream = None
 
-    def _show_map(self, simap: SIMap) -> None:
+    def _show_map(self, simap: SIMap | None) -> None:
+        if simap is None:  # of a live build, whose first map is being made
+            return
         self._for_stream = simap
         self._audience.show(simap)
         self._say(shown=len(simap.frame_names))

@@ -162,8 +162,8 @@ class MapPublisher:
             self._worker.submit(self._publish, event.simap).result()
         elif isinstance(event, FrameProjected) and event.map_so_far is not None:
             free = self._busy is None or self._busy.done()
-            if free and (now_s := time.monotonic()) >= self._next_s:
-                self._busy = self._worker.submit(self._publish, event.map_so_far())
+            if free and (now_s := time.monotonic()) >= self._next_s and (simap := event.map_so_far()) is not None:
+                self._busy = self._worker.submit(self._publish, simap)
                 self._next_s = now_s + EVERY_S
 
     def _publish(self, simap: SIMap) -> None:

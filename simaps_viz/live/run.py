@@ -74,7 +74,7 @@ PATIENCE = 15
 """So many frames in a row that contradict the map are left out; then they are right, and the map was not."""
 FLOOR_M = 0.05
 """A floor found so close to the world's height 0 is at 0, where robots' maps have it."""
-FLOOR_FRAMES = (15, 30, 60)
+FLOOR_FRAMES = (5, 15, 30, 60)
 """The floor is looked for once so many frames are there; without success the world's own height 0 is taken."""
 
 
@@ -376,10 +376,10 @@ class GrowingMap:
         """Return the map of all frames so far."""
         return _made(self._map.copy(), self._forgetting, self.facts(), self.config, len(self._earlier))[0]
 
-    def newest_map(self) -> SIMap:
-        """Return the newest map that is made, and have the next one made by another thread: frames do not wait for it.
+    def newest_map(self) -> SIMap | None:
+        """Return the newest map that is made, None before the first, and have the next one made by another thread.
 
-        Only the first map of all, which is small, is waited for. Making maps takes at most `SHARE` of the time.
+        Frames do not wait for it. Making maps takes at most `SHARE` of the time.
         """
         making, now_s = self._making, time.monotonic()
         if making is not None and making.done():
@@ -389,9 +389,6 @@ class GrowingMap:
             self._making = self._maker.submit(
                 _made, self._map.copy(), self._forgetting.copy(), self.facts(), self.config, len(self._earlier)
             )
-        if self._newest is None:
-            assert self._making is not None
-            self._newest = self._making.result()[0]
         return self._newest
 
     def finished(self, observers: Sequence[Observer]) -> SIMap:

@@ -92,7 +92,10 @@ def test_frames_that_are_not_kept_show_the_map_too(tiny, monkeypatch):
     monkeypatch.setattr("simaps_viz.live.run.FRAMES_A_PLACE", 4)
     one = GrowingMap(PlayedSequence(tiny), BuildConfig())
     *_, last = [event for shot in shots(tiny) for event in one.add(shot)]
-    assert not last.kept and last.map_so_far is not None and last.map_so_far().instances
+    assert not last.kept and last.map_so_far is not None
+    until(last.map_so_far)
+    simap = last.map_so_far()
+    assert simap is not None and simap.instances
 
 
 def test_reasons_why_frames_are_dropped_stay_few():
@@ -148,8 +151,10 @@ def test_maps_to_look_at_are_made_beside_the_frames_and_become_newer(tiny, monke
     events = [event for shot in shots(tiny) for event in one.add(shot)]
     newest = events[-1].map_so_far
     assert newest is not None
+    assert newest() is None  # nothing waits for the first
+    until(newest)
     first = newest()
-    assert len(first.frame_names) == FRAMES
+    assert first is not None and len(first.frame_names) == FRAMES
     until(lambda: newest() is not first)
     same(newest(), build_map(tiny))
 
