@@ -167,6 +167,11 @@ def _without_asides(text: str, vocabulary: Vocabulary) -> Iterator[tuple[str, li
     without what a person wants to do there.
     """
     plain = plainly(text)
+    sentence = read_words(plain, vocabulary)
+    at = next((at for at, word in enumerate(sentence.words) if word not in sentence.unknown), 0)
+    if at and any(edge.kind in ("GO", "TURN", "SPIN") for edge in sentence.edges[at]):  # "hihi spin round"
+        said = " ".join(sentence.words[:at])
+        yield " ".join(sentence.words[at:]), [f'"{_in_brief(said)}" is left out: it names nothing to do'], None
     for purposes in (False, re.search(r"\b(?:i|me|we|us)\b", plain) is not None):
         said = list(clauses(plain, purposes=purposes))
         sentences = [read_words(clause, vocabulary) for clause in said]

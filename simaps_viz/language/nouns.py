@@ -174,6 +174,7 @@ def select(noun: Noun | None, parts: Iterable[Part], *, every: bool = False, som
         raise CommandError(f"from 1 to {MAX_COUNT} things can be visited, found {count}")
     _check_counted(parts, rank, count)
     _check_added(parts)
+    parts = tuple(_seated(part, noun) if part.kind == "near" and part.phrase else part for part in parts)
     base, word, notes, others = _based(noun, max(abs(rank or 1), count or 1, 2 if is_plural or parts else 1))
     # "The cup on the table" may stand on any table; "the cups on the table", and a question, mean the nearest table.
     if some:
@@ -223,6 +224,15 @@ def select(noun: Noun | None, parts: Iterable[Part], *, every: bool = False, som
         lone=lone,
         inner=tuple(inner),
     )
+
+
+def _seated(part: Part, noun: Noun | None) -> Part:
+    """Return "at the table in the kitchen", said of seats, as that table which most of them stand at."""
+    table = part.phrase
+    whole = table.whole if table and table.base == 'things("table")' and not table.many else ""
+    if noun is None or noun.label not in ("chair", "stool", "bar stool", "seat") or not whole.startswith("inside"):
+        return part
+    return replace(part, definite=f'first(order({whole}, "many", things({quoted(noun.label)})))')
 
 
 def _vacuous(base: str, parts: Parts) -> float:
@@ -405,7 +415,9 @@ def refine(phrase: Phrase, parts: Iterable[Part]) -> Phrase:
             raise CommandError("")  # whether it is so is asked, not which one it is
         found += [part.phrase] if part.phrase else []
     pairs = tuple(pair for p in found for pair in p.others)
-    return replace(phrase, text=text, whole="", notes=tuple(n for p in found for n in p.notes), others=pairs)
+    inner = (*phrase.inner, *found[1:])
+    notes = tuple(n for p in found for n in p.notes)
+    return replace(phrase, text=text, whole="", notes=notes, others=pairs, inner=inner)
 
 
 def united(phrases: Sequence[Phrase]) -> Phrase:
@@ -662,7 +674,7 @@ def _at_far_end(np: Phrase) -> Parts:
     return (*_filter(f"near({{}}, {np.measure})", np), Part("order", "far"))
 
 
-@_rule("relation", "IN (DET | THAT)* ROW (OF whole)?")
+@_rule("relation", "COMMA? (IN | OF | FROM) (DET | THAT)* ROW (OF whole)?")
 def _in_row(whole: int = 0) -> Parts:
     """Read "the second seat from the left in that row of five": what stands in a row is counted from its side."""
     return (Part("row"),)
@@ -1311,7 +1323,7 @@ def lent(phrases: Sequence[Phrase]) -> tuple[Phrase, ...]:
 # ---- rooms
 
 
-@_rule("room", "_dets name:ROOMKIND (MAP | AREA)?", "_dets name:ROOMKIND (n:NUM | NUMBER n:amount)")
+@_rule("room", "_dets name:ROOMKIND (MAP | AREA | ROOM)?", "_dets name:ROOMKIND (n:NUM | NUMBER n:amount)")
 @_rule("room", "name:ROOMKIND n:ONE", cost=0.5)  # but not "the bedroom one"
 def _named_room(name: str, n: float | None = None) -> Phrase:
     """Read "the kitchen", "office 2"."""
@@ -1319,13 +1331,6 @@ def _named_room(name: str, n: float | None = None) -> Phrase:
         raise CommandError("")
     called = quoted(name if n is None else f"{name} {int(n)}")
     return Phrase(f"room({called})", f"rooms({called})", name, whole=f"rooms({called})")
-
-
-@_rule("room", "_dets word:WORD name:ROOMKIND", cost=1.0)
-def _vague_room(word: str, name: str) -> Phrase:
-    """Read "the noisy office": only where one is left."""
-    called = f"rooms({quoted(name)})"
-    return Phrase(f"only({called}, {quoted(_named([word]))})", called, name)
 
 
 @_rule("room", "ROOM NUMBER? n:whole")
@@ -1367,16 +1372,6 @@ def _room_told(name: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()
     if name.base == "rooms()" and any(part.kind == "order" and part.text in ("near", "far") for part in parts):
         name = replace(name, base='rooms("other")')  # the nearest one is not the one that the robot is in
     return select(name, parts)
-
-
-@_rule("room", "_dets pre* name:room_name (THAT | IS | WHERE)* WITH BOTH? a:np AND b:np", cost=-0.1)
-def _room_of_both(name: Noun, a: Phrase, b: Phrase, pre: Sequence[Parts] = ()) -> Phrase:
-    return select(name, (*_flat(pre), *_having_both(a, b)))
-
-
-@_rule("room", "EVERY (OF | DET)* pre* name:room_name (&_told_by post)+", cost=0.1)
-def _every_room(name: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
-    return select(name, (*_flat(pre), *_flat(post)), every=True)
 
 
 @_rule("room", "(EVERY | BOTH) (OF | DET)* name:ROOMKIND", cost=0.1)

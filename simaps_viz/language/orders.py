@@ -173,7 +173,7 @@ _words("_aim", "(WHERE | DET? ONE THAT?) HERE? (GO | NEED)+ (_prep | GO)* THEN? 
 @_rule(
     "order",
     "_goer EITHER? _prep+ (_place _prep*)? WHERE? targets IS? | BACK _prep+ targets | APPROACH (_prep | STOP)* targets "
-    "| (_goer | APPROACH) WHERE targets IS | targets (COMMA | STOP)+ GO | NEED TO? targets | _prep+ targets | (GO | "
+    "| (_goer | APPROACH) WHERE targets IS+ | targets (COMMA | STOP)+ GO | NEED TO? targets | _prep+ targets | (GO | "
     "TAKE) targets:there | (targets | targets:there) COMMA? IS _aim | DET* GOAL (IS | COMMA | STOP)* targets",
 )
 def _go_to(targets: tuple[Phrase, ...]) -> Steps:
@@ -201,12 +201,6 @@ def _go_as_numbered(one: Phrase, first: int, np: tuple[Phrase, ...], n: tuple[in
     if [first, *n] not in ([*range(1, len(n) + 2)], [*range(1, len(n) + 1), -1]):
         raise CommandError("")
     return _go_to((one, *np))
-
-
-@_rule("order", "_go DET? FOOT OF targets", cost=0.2)
-def _go_to_foot(targets: tuple[Phrase, ...]) -> Steps:
-    """Read "stand at the foot of the bed": which end that is is not known."""
-    return _each("robot.move_to_{0.goal}", targets, notes=("which end is its head is not known",))
 
 
 @_rule("order", "_goer (BY | NEAR | AT)+ IT", cost=-0.05)
@@ -282,7 +276,7 @@ def _go_room(room: Phrase) -> Steps:
     return _each("robot.move_to_{0.goal}", [room])
 
 
-@_rule("order", "LEAVE (room | HERE)?")
+@_rule("order", "LEAVE (room | HERE)? !ATLEAST")
 def _leave(room: Phrase | None = None) -> Steps:
     return (Do(('robot.move_to_object(room("other"))',)),)
 
@@ -391,7 +385,13 @@ def _go_off(distance: Measure, np: Phrase, beside: str = "front", back: str = ""
     return (Do((f'robot.move_to(spot({{0.argument}}, "{side}", {distance.text}))',), (np,), note),)
 
 
-@_rule("order", "(STAND | KEEP) distance SHORT", "BUT? KEEP distance (OF (BERTH | DISTANCE))?", cost=-0.1)
+@_rule(
+    "order",
+    "(STAND | KEEP) distance SHORT",
+    "BUT? KEEP distance (OF (BERTH | DISTANCE))?",
+    "STAND EXIST distance BETWEEN (HERE AND IT | IT AND HERE)",
+    cost=-0.1,
+)
 def _stop_short(distance: Measure) -> Steps:
     """Read "go to the fridge. Stop 1 m short."."""
     return _go_off(distance, Phrase(IT, ONE, "thing"), back="", off="away")
@@ -462,7 +462,6 @@ def _lap_and_back(lapped: Steps) -> Steps:
 
 
 @_rule("order", "_goer FORWARD? ((BY | FOR)? distance)? FORWARD? TOWARD np", "_goer distance NEAR np", cost=0.05)
-@_rule("order", "_goer (TOWARD | MORE TO) np ((BY | FOR)? distance)?", cost=0.05)
 def _go_toward(np: Phrase, distance: Measure | None = None) -> Steps:
     if distance is None:
         return _go_to((np,))
@@ -628,7 +627,6 @@ def _turn(angle: Measure | None = None, way: str = "") -> Steps:
 @_rule(
     "order",
     "TURN (RIGHT | BACK | HALF)? (AROUND | BACK | BY)",
-    "SPIN HALF DET? AROUND",
     "(MAKE DET?)? UTURN",
     cost=-0.1,
 )
@@ -726,10 +724,19 @@ def _changed(phrase: Phrase, text: str, notes: tuple[str, ...] | None = None, ma
 
 def _told(phrase: Phrase, kind: str, *more: str) -> Steps:
     rest = "".join(f", {one}" for one in more)
+    unknown = _unknown_in(phrase.inner)
+    if unknown:  # "there is no kid" is no answer to what a kid did
+        raise CommandError(f'"{unknown}"')
     text = phrase.whole if kind in ("count", "whether", "list", "what") and phrase.whole else phrase.text
     return (
         Do((f'tell({{0.text}}, "{kind}"{rest})',), (replace(phrase, text=text, many=False, together=phrase.many),)),
     )
+
+
+def _unknown_in(phrases: Sequence[Phrase]) -> str:
+    """Return a word within some phrases that is not known at all."""
+    found = (one.word if one.free else _unknown_in(one.inner) for one in phrases)
+    return next((word for word in found if word), "")
 
 
 _words("_count", "COUNT? HOWMANY ONLY? | COUNT ONLY?")
@@ -772,11 +779,6 @@ def _how_many_together(a: Phrase, b: Phrase) -> Steps:
     return _told(replace(united((a, b)), many=False), "count")
 
 
-@_rule("question", "COUNT a:np AND b:np", cost=-0.1)
-def _count_each(a: Phrase, b: Phrase) -> Steps:
-    return (*_told(a, "count"), *_told(b, "count"))
-
-
 @_rule(
     "question",
     "(ON | IN | AT) HOWMANY (OF | DET)* (np | ROOMS) (EXIST | IS | APPROACH | SEE | HERE | DOES)+ of:np IS?",
@@ -788,7 +790,6 @@ def _on_how_many(of: Phrase, np: Phrase = ALL_ROOMS) -> Steps:
 
 
 @_rule("question", "EXIST _number ((COMMA | OR)+ EXIST? EXACTLY? _number)+ np HERE?", cost=-0.5)
-@_rule("question", "EXIST _number np (COMMA | OR)+ EXIST? EXACTLY? _number HERE?", cost=-0.5)
 def _is_it_so_many(np: Phrase) -> Steps:
     """Read "are there two or three chairs?"."""
     return _told(np, "count")
@@ -958,7 +959,12 @@ def _are_all(noun: Noun, pre: Sequence[Parts] = (), relation: Parts = (), adject
     return (Do(('tell(count({0.text}) == 0, "whether")',), (replace(other, many=False),)),)
 
 
-@_rule("question", "EXIST COUNTED a:np OR COUNTED? b:np", cost=-0.3)
+@_rule(
+    "question",
+    "EXIST COUNTED a:np OR COUNTED? b:np",
+    "(WHAT | WHICH) (EXIST | IS | HERE)* COUNTED OF? HERE? (COMMA | STOP) a:np OR b:np",
+    cost=-0.3,
+)
 def _which_are_more(a: Phrase, b: Phrase) -> Steps:
     """Read "are there more tables or more chairs?"."""
     test, phrases = _counts("more", a, b)
@@ -1244,6 +1250,15 @@ def _room_has_more(a: Phrase, counted: str, np: Phrase, b: Phrase) -> Condition:
     return f"count({{1.text}}) {'>' if counted == 'more' else '<'} count({{2.text}})", (a, *inside)
 
 
+@_rule("condition", "room WITH np", cost=-0.3)
+def _room_has(room: Phrase, np: Phrase) -> Condition:
+    """Read "if the kitchen has a toaster, go to it": what it has is spoken of."""
+    if room.many:
+        raise CommandError("")
+    inside = f"inside({np.whole or np.text}, {room.text})"
+    return "count({0.text}) > 0", (_changed(np, inside, np.notes + room.notes, many=False),)
+
+
 @_rule("condition", "EXIST np EITHER?", "np EXIST")
 def _exists(np: Phrase) -> Condition:
     np = _changed(np, np.whole or np.text)
@@ -1308,9 +1323,8 @@ def _is_nearer(np: Phrase, compared: str) -> Condition:
 )
 @_rule(
     "avoided",
-    "(KEEP | STAND | GO | WITH)? ATLEAST? (distance | DET? DISTANCE OF? ATLEAST? distance) ATLEAST? (away | "
-    "AWAY | SHORT FROM? "
-    "| EMPTY OF | TO | FROM) targets",
+    "(KEEP | STAND | GO | WITH | GIVE)? ATLEAST? (distance (OF? DISTANCE)? | DET? DISTANCE OF? ATLEAST? distance) "
+    "ATLEAST? (away | AWAY | SHORT FROM? | EMPTY OF | TO | FROM) targets",
     "GIVE (targets | targets:there) ATLEAST? distance (OF (ROOM | BERTH | DISTANCE))?",
     "NEVER (GO | APPROACH) compared THAN distance (TO | FROM | NEAR)* targets",
     "NEVER (GO | APPROACH) IN distance (TO | FROM | NEAR | OF)* targets",
@@ -1337,7 +1351,6 @@ _words(
 @_rule(
     "done",
     "order ((COMMA | STOP)? times)?",
-    "times COMMA? order",
     "order n:ORD",
     "ONLY &_verb order",
     "order COMMA? said:NOWAIT",
@@ -1350,21 +1363,26 @@ def _times(order: Steps, times: int = 1, n: int = 1, said: str = "instead") -> S
     return (Repeat(times, order),) if times > 1 else order
 
 
-@_rule("done", "order COMMA? VIA via:targets", cost=-0.2)
-def _passing(order: Steps, via: tuple[Phrase, ...]) -> Steps:
-    """Read "go from the bed to the kitchen passing the couch": it is passed before the last goal."""
-    last = order[-1]
-    if not isinstance(last, Do) or "move_to" not in last.lines[-1] or not last.phrases:
-        raise CommandError("")
-    return (*order[:-1], *_go_to(via), last)
-
-
-@_rule("done", "order COMMA? (AND | THEN)? verb:TAKE", cost=0.2)
+@_rule("done", "order (COMMA | STOP | AND | THEN)* verb:TAKE", cost=0.2)
 def _shown(order: Steps, verb: str) -> Steps:
     """Read "I want to sit down, show me the way"."""
-    if not verb.endswith("way"):
+    if not verb.endswith(("way", "where", "is", "go")):
         raise CommandError("")
     return order
+
+
+@_rule("done", "order (COMMA | AND | BUT)* (STARTWITH first:thing | (GIVE | KEEP) last:thing LASTLY)", cost=-0.4)
+def _one_first(order: Steps, first: Phrase | None = None, last: Phrase | None = None) -> Steps:
+    """Read "visit both desks, but leave the one in the bedroom for last"."""
+    head, one = order[0], first or last
+    if len(order) != 1 or not isinstance(head, Do) or len(head.phrases) != 1 or not one or not head.phrases[0].many:
+        raise CommandError("")
+    every = head.phrases[0]
+    if one.base not in (ONE, every.base) or one.many:
+        raise CommandError("")
+    one = replace(one, text=one.text.replace(ONE, every.base), base=every.base, word=every.word)
+    rest = replace(head, phrases=(_changed(every, f"minus({every.text}, {one.single})"),))
+    return (*_go_to((one,)), rest) if first else (rest, *_go_to((one,)))
 
 
 @_rule("done", "order COMMA? ENDLESS", "ENDLESS order", cost=0.1)
@@ -1473,7 +1491,7 @@ def _if_so(condition: Condition, a: Steps = (), b: Steps = ()) -> Steps:
     return (Choose(*condition, a, b),)
 
 
-@_rule("logical", "PLACE (COMMA | STOP)+ b:done", cost=-0.3)
+@_rule("logical", "PLACE (COMMA | STOP | SO)+ b:done", cost=-0.3)
 def _so(b: Steps) -> Steps:
     """Read "I want to wash my hands, so bring me to a sink": the wish says why."""
     if any(IT in phrase.text for step in b if isinstance(step, Do) for phrase in step.phrases):
@@ -1533,7 +1551,7 @@ def _declared_both(exist: str, a: Phrase, b: Phrase) -> Phrase:
     """Read "there is a chair on your left and a chair on your right"."""
     if exist.split(maxsplit=1)[0] in _ASKS or a.base != b.base:
         raise CommandError("")
-    return replace(united((a, b)), base=a.base, many=True)
+    return replace(united([replace(one, text=one.single) for one in (a, b)]), base=a.base, many=True)
 
 
 @_rule("declared", "&(_np FINITE !WHAT) thing", cost=-0.25)
@@ -1542,7 +1560,7 @@ def _declared(thing: Phrase) -> Phrase:
     return thing
 
 
-@_rule("logical", "topic:declared (COMMA | AND | STOP | THEN | BUT)+ b:items", cost=-1.2)
+@_rule("logical", "topic:declared ((COMMA | AND | STOP | THEN | BUT)+ | &_verb) b:items", cost=-1.2)
 @_rule("logical", "topic:declared (COMMA | AND | STOP | THEN | BUT)+ aside:items", cost=0.3)
 def _of_declared(topic: Phrase, b: Steps = (), aside: Steps = ()) -> Steps:
     """Read "there are two chairs at the table. Go to the left one", "the desk has a lamp on it. Go to that desk"."""
@@ -1581,7 +1599,7 @@ def _of_topic(topic: Phrase, b: Steps, named: Phrase | None = None, struck: str 
 )
 def _not_but(b: Steps, topic: Phrase, more: Sequence[Phrase] = ()) -> Steps:
     """Read "not the near chair, the other one", "not the lamp on the desk, not the one by the bed. The last one."."""
-    if topic.greedy or any(one.base != ONE for one in more):
+    if topic.greedy or LAST in topic.text or any(one.base != ONE for one in more):
         raise CommandError("")
     for one in more:
         topic = replace(topic, base=f"minus({topic.base}, {one.text.replace(ONE, topic.base)})")

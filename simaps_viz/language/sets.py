@@ -37,6 +37,8 @@ BESIDE_M: Final = 3.0
 """How far from a thing what is on its left, right, front or back may be, edge to edge, where something is that near."""
 _CLEARLY_M: Final = 0.3
 """How much nearer to another table a seat stands that is not at this one."""
+_BEHIND_M: Final = 0.5
+"""How much nearer to the table the seat is that another one stands behind."""
 _SEATS: Final = frozenset(("chair", "stool", "bar stool", "office chair"))
 _TABLES: Final = frozenset((*KINDS["table"], "desk", "counter", "kitchen counter", "bar"))
 CLEARANCE_M: Final = 0.3
@@ -393,17 +395,25 @@ class Sets(Grounding):
     def _at_their_own(
         self, things: Sequence[Instance], others: Sequence[Instance], pairs: list[tuple[int, int, float]]
     ) -> list[tuple[int, int, float]]:
-        """Leave out the pairs of a seat and a table, desk or counter where the seat clearly stands at another one."""
+        """Leave out the pairs of a seat and a table, desk or counter where it is at another or behind a seat."""
         taken = {other.id for other in others}
         rivals = [i for i in self.simap.instances if plain(i.label) in _TABLES and i.id not in taken]
         tables = {j for j, other in enumerate(others) if plain(other.label) in _TABLES}
         seats = sorted({i for i, j, _ in pairs if j in tables and plain(things[i].label) in _SEATS})
-        if not seats or not rivals:
+        if not seats:
             return pairs
         nearest: dict[int, float] = {}
         for k, _, far in self.neighbours([things[i] for i in seats], rivals, NEXT_TO_M):
             nearest[seats[k]] = min(nearest.get(seats[k], np.inf), far)
-        return [one for one in pairs if one[1] not in tables or one[2] <= nearest.get(one[0], np.inf) + _CLEARLY_M]
+        kept = [one for one in pairs if one[1] not in tables or one[2] <= nearest.get(one[0], np.inf) + _CLEARLY_M]
+        rows, gap = [things[i] for i in seats], {(i, j): far for i, j, far in kept if j in tables}
+        apart = {(seats[a], seats[b]): far for a, b, far in self.neighbours(rows, rows, NEXT_TO_M)}
+        behind = {
+            (i, j)
+            for (i, j), far in gap.items()
+            if any(gap.get((k, j), np.inf) <= far - _BEHIND_M and apart.get((i, k), np.inf) < far for k in seats)
+        }
+        return [one for one in kept if one[:2] not in behind]
 
     def _on(self, S: Named, T: Named, *, within: bool = False) -> Things:
         """Keep what stands on a thing; with ``within`` also what lies under its top, as on the boards of a shelf."""

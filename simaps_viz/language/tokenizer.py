@@ -22,6 +22,7 @@ from simaps_viz.language.words import (
     NUMBERS,
     ORDINALS,
     PHRASES,
+    PLACES,
     SPELLED,
     WISHES,
     Vocabulary,
@@ -49,6 +50,10 @@ _POLITE: Final = re.compile(
     r"be (?:an?|my|so|very) (?:\w+ )?\w+ (?:and|enough to|as to)|do (?:me|us) an? (?:\w+ )?favou?r and|"
     rf"(?:why (?:do not|don['’]?t|not)|how about)(?: {_WHO}\b)?(?! (?:is|are)\b)|"
     r"would it be (?:\w+ ){1,3}?(?:to ask you to|for you to|if you (?:would|could))|"
+    r"(?:(?:i|we) (?:hate|am sorry|do not (?:want|mean)|don['’]?t (?:want|mean))|sorry) to "
+    r"(?:ask|bother|trouble|interrupt|disturb|intrude)(?: you)?,?(?: but)?,?|do you (?:happen|chance) to know|"
+    r"(?:when|whenever|if|once|as soon as) you (?:have |get |can spare )"
+    r"(?:got )?(?:a|the|some) (?:free |spare )?(?:sec|second|minute|min|moment|mo|chance|time),?|"
     r"(?:could|can|may|might) (?:i|we) (?:ask|trouble|bother|persuade|get|have|convince|request|invite|tempt) "
     r"you (?:to|for)|"
     r"(?:is there )?any chance (?:that )?you (?:can|could|might)|before (?:we|you|i) do anything else|"
@@ -65,6 +70,7 @@ _KINDLY: Final = re.compile(
     r"(?: (?:with|for|to) you| to ask)?"
 )
 _INDIFFERENT: Final = re.compile(
+    r"^\W*(?!if\b|whether\b)(?:\w+ ){1,4}or not\b,?\s*|"
     r"[,.;]?\s*\b(?:(?:i|we) (?:really |honestly )?(?:do(?:n['’]?t| not)) (?:really )?(?:care|mind)|"
     r"(?:the |its |their )?(?:order|sequence|rest|reason|way|how|which(?: one)?|it|that) (?:really )?"
     r"(?:is(?:n['’]?t| not)|do(?:es)?(?:n['’]?t| not)) (?:really )?(?:important|relevant|matter|of importance)|"
@@ -84,6 +90,7 @@ _TAG: Final = re.compile(
 _HEADING: Final = re.compile(
     r"^\W*(?:[\w'’]+ ){0,3}(?:tour|tour time|rounds?|plan|route|mission|task|errand|job|trip|schedule|lap|"
     r"circuit|loop|zigzag|itinerary|things|stops|places|errands|stations)(?: for (?:me|us))?\s*[:!]"
+    r"|^\W*let us (?:see|find out|check) how [^,.;:!?]*[:,.!]"
     r"|^\W*before (?:we|you|i) (?:leave|go|start|begin)\s*[:,]"
 )
 """What only names what follows: "evening tour:"."""
@@ -134,7 +141,8 @@ _SHORT: Final = re.compile(r"\b(i|you|we|they|he|she|it|that|there|who|what|wher
 _LEFT: Final = re.compile(r"\b((?:(?:is|are) there|there (?:is|are)) (?:\w+ ){1,3})left\b(?! of| side| hand)")
 """What is there still, as in "is there any cake left on the counter?"."""
 _PUT_DOWN: Final = re.compile(
-    r"\bwhat (?:do|does|did|has|have) (?:they|people|somebody|someone|anybody|anyone|he|she) \w+(?: down| away)? "
+    r"\bwhat (?:stuff |things |else )?(?:do|does|did|has|have) (?:they|people|somebody|someone|anybody|"
+    r"anyone|he|she|(?:my|our|the|his|her) (?!robot\b)\w+) \w+(?: down| away)? "
     r"(?=under|on\b|in\b|inside|into|onto|below|beneath|behind|between|beside|next|near)"
 )
 """Who put what is asked for where it is: "what did they put under the bench?"."""
@@ -170,6 +178,7 @@ _STATEMENT: Final = re.compile(
     rf"|(?:{_SUBJECT})\b.*\b(?:is|are|was|were|am|has|have|had|been|wants?|needs?|looks?|seems?|smells?|said|says|told|hurts?|aches?|feels?|asked|will|"
     r"can|could|did|does|left|lost|came|went|forgot|put|dropped|fell|hid|sat|slept|stood|took|threw|bought|brought|broke|thought|"
     r"knew|met|made|saw|gave|got|found|kept|ate|drank|wrote|ran|hung|meant|sold|spilt|\w+n['’]?t|\w{2,}ed)\b"
+    r"|(?:\w+ ){1,3}(?:is|are|was|were) (?:\w+ )?\w{2,}ing\b"
     r"|(?:my|our|his|her) \w+ \w+s\b|(?:he|she) \w+s\b|\w+s (?:are|were|have)\b|.*\bwrong (?:way|direction|side)\b"
     r"|(?:here is|there is) .*)"
 )
@@ -225,6 +234,8 @@ def plainly(text: str) -> str:
     said = re.sub(r"(?<!have )\b(i|we) got (?=some\b|an?\b|my\b)", r"\1 have ", said)
     said = re.sub(r"[,;]?\s*\bforget (?:about )?the [\w ]{2,25},\s*", ", no, ", said)
     said = _GOT.sub(r"does \1 have", said)
+    said = re.sub(r"(^\W*|[,.;:!?] *|then )should (?!i\b|we\b|you\b)([^,.;:!?]{2,60}?) be\b", r"\1if \2 is", said)
+    said = re.sub(r", not (?:this|that) (?:one|\w+), (?=the\b)", ", ", said)
     said = _MODAL.sub(r"is \1", said)
     said = _ATTRIBUTE.sub("what is the ", said)
     said = _NEGATIVE.sub(r"\1 \2", said)
@@ -291,9 +302,12 @@ _ON_PAPER: Final = re.compile(r"\b(top|upper|bottom|lower)[\s-]+(left|right)\b")
 _PAPER: Final = {"top": "north", "upper": "north", "bottom": "south", "lower": "south", "left": "west", "right": "east"}
 _POINT: Final = re.compile(r"(north|south)(east|west)(?:ern|erly|wards?|bound)?$")
 _POINTS: Final = {tuple(name.split()): degrees for name, degrees in COMPASS_POINTS.items() if " " in name}
-_KEYWORDS: Final = tuple(
-    sorted(w[0] for w, found in PHRASES.items() if len(w) == 1 and len(w[0]) >= 4 and any(k for k, _ in found))
-) + tuple(word for word in (*ORDINALS, *NUMBERS) if len(word) >= 4)
+_KEYWORDS: Final = (
+    *sorted(
+        w[0] for w, found in PHRASES.items() if len(w) == 1 and len(w[0]) >= (4 if any(k for k, _ in found) else 6)
+    ),
+    *(word for word in (*ORDINALS, *NUMBERS, *(words[0] for words in PLACES)) if len(word) >= 4),
+)
 _BEFORE_ORDERS: Final = (*_STOPS, "then")
 _MOTION: Final = re.compile(
     r"(?:(?:yourself|yourselves|your \w+) )?(?:(?:right |straight )?"
@@ -533,6 +547,8 @@ def _corrected(pieces: Sequence[tuple[str, str]], vocabulary: Vocabulary, notes:
                 name, taken = "", 0
             keyword = correct(words[at], _KEYWORDS) if not known and taken < 2 else None
             name, taken = (keyword, 1) if keyword and not name else (name, taken)
+            apart = "" if known or name else _apart(words[at], vocabulary)
+            name, taken = (apart, 1) if apart else (name, taken)
         if name:
             notes.append(f'"{" ".join(words[at : at + taken])}" is read as {name}')
             found += [("word", word) for word in name.split()]
@@ -541,3 +557,20 @@ def _corrected(pieces: Sequence[tuple[str, str]], vocabulary: Vocabulary, notes:
             found += pieces[at : at + taken]
         at += taken
     return found
+
+
+_RUN_TOGETHER: Final = frozenset(
+    ["a", "the", "to", "go", "my", "how", "then", "at", "in", "on", "and", "from", "is", "what", "where", "of", "it"]
+)
+
+
+def _apart(word: str, vocabulary: Vocabulary) -> str:
+    """Return the words that were written together: "gotothe" -> "go to the"; "" where there are none."""
+    for at in range(len(word) - 1, 0, -1):
+        first, rest = word[:at], word[at:]
+        known = (rest,) in PHRASES or rest in _RUN_TOGETHER or (len(rest) > 2 and vocabulary.match([rest]))
+        if (first, rest) in PHRASES or vocabulary.match([first, rest]) == 2:
+            return f"{first} {rest}"
+        if first in _RUN_TOGETHER and (more := rest if known else _apart(rest, vocabulary)):
+            return f"{first} {more}"
+    return ""

@@ -109,7 +109,8 @@ def _tokens(phrases: dict[str, list[str]]) -> dict[Words, list[tuple[str, str]]]
             found.setdefault(tuple(shade.format(color).split()), []).append(("COLOR", color))
     # The names of rooms are those that a map may give them; "bedrooms" are asked for too.
     for kind, words in _ROOMS.items():
-        for name in (kind, *words["words"]):
+        names = (kind, *words["words"])
+        for name in (*names, *(one.replace("room", " room") for one in names if " " not in one)):
             for spoken in (tuple(name.split()), tuple(f"{name}s".split())):
                 found.setdefault(spoken, []).append(("ROOMKIND", kind))
     return found
@@ -232,12 +233,12 @@ def read_number(words: Sequence[str], digits: float | None = None) -> tuple[floa
 
 def _whole(words: Sequence[str]) -> tuple[float, int]:
     total, taken = 0, 0
-    for word in words[:4]:
+    for at, word in enumerate(words[:5]):
         if word == "hundred" and 0 <= total < 10:
             total = max(total, 1) * 100
         elif word in NUMBERS and (taken == 0 or total % 100 == 0 or (total % 10 == 0 and NUMBERS[word] < 10)):
             total += NUMBERS[word]
-        else:
+        elif word != "and" or not total or total % 100 or words[at + 1 : at + 2] == [] or words[at + 1] not in NUMBERS:
             break
         taken += 1
     return float(total), taken
