@@ -15,7 +15,7 @@ from simaps_viz.language.orders import EVERYTHING, GRAMMAR, Choose, Do, Repeat, 
 from simaps_viz.language.primitives import FUNCTIONS, SELF
 from simaps_viz.language.program import ProgramError, parse_program
 from simaps_viz.language.tokenizer import Sentence, clauses, is_reason, is_statement, is_wish, plainly, read_words
-from simaps_viz.language.words import Vocabulary, plain, plural, singular
+from simaps_viz.language.words import Noun, Vocabulary, plain, plural, singular
 
 MAX_LENGTH: Final = 500
 """Characters of a command."""
@@ -189,12 +189,29 @@ def _without_asides(text: str, vocabulary: Vocabulary) -> Iterator[tuple[str, li
         wished[-1] = stated[-1]
         for dropped in (talk, stated, *(() if purposes else (wished,))):
             kept = [clause for clause, out in zip(said, dropped, strict=True) if not out]
-            if any(dropped) and any(clause.strip() for clause in kept):
+            if (
+                any(dropped)
+                and any(clause.strip() for clause in kept)
+                and not _tells_which(said, sentences, dropped, vocabulary)
+            ):
                 left_out = [at for at, out in enumerate(dropped) if out and sentences[at].words]
                 brief = [_in_brief(said[at].strip(" ,.;:!")) for at in left_out]
                 notes = [f'"{one}" is left out: it names nothing to do' for one in brief]
                 named = next((found for at in left_out if (found := _first_named(sentences[at]))), None)
                 yield "".join(kept), notes, named
+
+
+def _tells_which(
+    said: Sequence[str], sentences: Sequence[Sentence], dropped: Sequence[bool], vocabulary: Vocabulary
+) -> bool:
+    """Whether what would be left out tells which of several things of a name is meant: it is named in the rest too."""
+    names: tuple[set[str], set[str]] = (set(), set())
+    for out, clause, sentence in zip(dropped, said, sentences, strict=True):
+        if out and is_wish(clause):
+            continue
+        nouns = [edge.value for here in sentence.edges for edge in here if edge.kind == "NOUN"]
+        names[out].update(noun.label for noun in nouns if isinstance(noun, Noun) and noun.known)
+    return any((vocabulary.count(label) or 0) > 1 for label in names[False] & names[True])
 
 
 def _is_talk(sentence: Sentence) -> bool:

@@ -27,7 +27,7 @@ from simaps_viz.language.llm_settings import (
     Message,
     one_line,
 )
-from simaps_viz.language.primitives import ARGUMENT_KINDS, FUNCTIONS, PRIMITIVES, SELF, Primitive
+from simaps_viz.language.primitives import ARGUMENT_KINDS, FUNCTIONS, PRIMITIVES, SELF
 from simaps_viz.language.program import MAX_TEXT, Program, ProgramError, parse_program
 from simaps_viz.language.words import Vocabulary, load, load_text
 
@@ -220,8 +220,8 @@ def read_answer(text: str) -> tuple[str, str]:
 @cache
 def _system(structured: bool) -> str:
     fields = {
-        "calls": "\n".join(f"- {_signature(p)}: {p.meaning}" for p in PRIMITIVES.values()),
-        "functions": "\n".join(f"- {_signature(p)}: {p.meaning}" for p in FUNCTIONS.values()),
+        "calls": "\n".join(f"- robot.{p.typed}: {p.meaning}" for p in PRIMITIVES.values()),
+        "functions": "\n".join(f"- {p.typed}: {p.meaning}" for p in FUNCTIONS.values()),
         "kinds": "\n".join(f"- {kind}: {meaning}" for kind, meaning in ARGUMENT_KINDS.items()),
         "form": _STRUCTURED if structured else _PLAIN,
     }
@@ -229,13 +229,6 @@ def _system(structured: bool) -> str:
     for name, value in fields.items():
         text = text.replace(f"{{{name}}}", value)
     return text
-
-
-def _signature(primitive: Primitive) -> str:
-    """Return e.g. ``robot.face(name: label, instance: instance = 1)`` or ``count(S: things) -> number``."""
-    words = [f"{p.name}: {p.type}" + ("" if p.required else f" = {p.default!r}") for p in primitive.parameters]
-    result = "" if primitive.result == "nothing" else f" -> {primitive.result}"
-    return f"{'' if primitive.kind == 'function' else 'robot.'}{primitive.name}({', '.join(words)}){result}"
 
 
 @cache

@@ -949,7 +949,14 @@ def _having_its(noun: Noun, pre: Sequence[Parts] = ()) -> Parts:
     return _filter(f"having({{}}, {np.argument})", np)
 
 
-@_rule("relation", "WITH np _on_it?", "WHERE IS+ np", "WHERE np IS+ (AT | ON)?", "(ON | IN | AT) THAT np IS+")
+@_rule(
+    "relation",
+    "WITH np _on_it?",
+    "WHERE IS+ np",
+    "WHERE np IS+ (AT | ON)?",
+    "THAT np IS+ (ON | AT | IN | BY | NEAR)",
+    "(ON | IN | AT) THAT np IS+",
+)
 def _having(np: Phrase) -> Parts:
     if np.text == IT:
         raise CommandError("what the thing has was not said")
@@ -1041,7 +1048,7 @@ def _but_none(relation: Parts = (), adjective: Parts = ()) -> Parts:
     return tuple(_negated(part) for part in (*relation, *adjective))
 
 
-@_rule("post", "COMMA? (AND | BUT)? ONLY DET* (relation | adjective+ ONES? | ONES post+)", cost=-0.1)
+@_rule("post", "COMMA? (AND | BUT)? ONLY DET* (relation | adjective+ ONES? | (ONES | ONE) post+)", cost=-0.1)
 def _only(relation: Parts = (), adjective: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Parts:
     """Read "every chair, but only the red ones"."""
     return (*relation, *_flat((*adjective, *post)))
@@ -1362,7 +1369,10 @@ _rule("numerous", "FEWEST")(lambda: "few")
 _rule("room_name", "ROOM")(lambda: Noun("room", "", base="rooms()"))
 _rule("room_name", "ROOMS")(lambda: Noun("room", "", base="rooms()", is_plural=True))
 _rule("room_name", "name:ROOMKIND", cost=0.3)(lambda name: Noun(name, "", base=f"rooms({quoted(name)})"))
-GRAMMAR.words("_told_by", "THAT | IS | WITH | WITHOUT | NEAR | NEAREST | FARTHEST | BY | AT | WHERE | EXIST | BUTNO")
+GRAMMAR.words(
+    "_told_by",
+    "THAT | IS | WITH | WITHOUT | NEAR | NEAREST | FARTHEST | BY | AT | WHERE | EXIST | BUTNO | (IN | OF) DET* MAP",
+)
 
 
 @_rule("room", "_dets pre+ name:room_name (&_told_by post)*", "_dets name:room_name (&_told_by post)+", cost=-0.1)

@@ -173,8 +173,10 @@ _words("_aim", "(WHERE | DET? ONE THAT?) HERE? (GO | NEED)+ (_prep | GO)* THEN? 
 @_rule(
     "order",
     "_goer EITHER? _prep+ (_place _prep*)? WHERE? targets IS? | BACK _prep+ targets | APPROACH (_prep | STOP)* targets "
-    "| (_goer | APPROACH) WHERE targets IS+ | targets (COMMA | STOP)+ GO | NEED TO? targets | _prep+ targets | (GO | "
-    "TAKE) targets:there | (targets | targets:there) COMMA? IS _aim | DET* GOAL (IS | COMMA | STOP)* targets",
+    "| (_goer | APPROACH) WHERE targets IS+ | targets (COMMA | STOP)+ GO | NEED TO? targets | _prep+ targets HERE? "
+    "(GO | STAND) | !(ON | IN | AT) _prep+ targets | (GO | TAKE) targets:there | (targets "
+    "| targets:there) COMMA? IS _aim | "
+    "DET* GOAL (IS | COMMA | STOP)* targets",
 )
 def _go_to(targets: tuple[Phrase, ...]) -> Steps:
     return _each("robot.move_to_{0.goal}", targets)
@@ -182,6 +184,7 @@ def _go_to(targets: tuple[Phrase, ...]) -> Steps:
 
 @_rule("order", "TO targets", cost=-0.001)
 @_rule("order", "AT targets", cost=-0.02)
+@_rule("order", "(ON | IN | AT) _prep* targets")
 def _likewise(targets: tuple[Phrase, ...]) -> Steps:
     """Read "look at the sofa and then at the table", "turn to the sofa, then to the table": the verb of the first."""
     return _each("", targets, "")
@@ -318,7 +321,7 @@ def _go_through(room: Phrase, targets: tuple[Phrase, ...]) -> Steps:
     return (*_go_room(room), *_go_to(targets))
 
 
-@_rule("order", "(_go | PASS)? DET? BETWEEN pair", cost=-0.5)
+@_rule("order", "(_go | PASS)? DET? BETWEEN pair (IT? HERE? (GO | STAND))?", cost=-0.5)
 def _go_between(pair: tuple[Phrase, Phrase]) -> Steps:
     return (Do(("robot.move_in_between({0.argument}, {1.argument})",), pair),)
 
@@ -371,7 +374,7 @@ def _go_behind(targets: tuple[Phrase, ...]) -> Steps:
 
 @_rule(
     "order",
-    "(_go | KEEP)? _place? distance (TO | ON)* (beside | FRONT | BEFORE | back:BEHIND | back:PASS | off:away) np | "
+    "_go? _place? distance (TO | ON)* (beside | FRONT | BEFORE | back:BEHIND | back:PASS | off:away) np | "
     "_go? np COMMA distance off:SHORT | _go (FORWARD | compass)* UNTIL np IS (_prep | SHORT | DET)* distance "
     "off:SHORT | _go (FORWARD | compass)* "
     "UNTIL (EXIST (_prep | SHORT)* distance BETWEEN (np AND HERE | HERE AND np) | HERE IS? distance off:away np)",
@@ -724,7 +727,7 @@ def _changed(phrase: Phrase, text: str, notes: tuple[str, ...] | None = None, ma
 
 def _told(phrase: Phrase, kind: str, *more: str) -> Steps:
     rest = "".join(f", {one}" for one in more)
-    unknown = _unknown_in(phrase.inner)
+    unknown = _unknown_in(phrase.inner if kind in ("count", "whether", "where") else (phrase,))
     if unknown:  # "there is no kid" is no answer to what a kid did
         raise CommandError(f'"{unknown}"')
     text = phrase.whole if kind in ("count", "whether", "list", "what") and phrase.whole else phrase.text
@@ -749,6 +752,12 @@ _words("_count", "COUNT? HOWMANY ONLY? | COUNT ONLY?")
 )
 def _how_many(np: Phrase, post: Sequence[Parts] = ()) -> Steps:
     return _told(refine(np, [part for parts in post for part in parts]), "count")
+
+
+@_rule("question", "relation COMMA? HOWMANY np (IS | EXIST | HERE)*", cost=-0.2)
+def _how_many_there(relation: Parts, np: Phrase) -> Steps:
+    """Read "in the kitchen how many windows are there?"."""
+    return _told(refine(np, relation), "count")
 
 
 @_rule("question", "HOWMANY (OF? IT | IS | EXIST)* ONES? post*", cost=0.3)
@@ -936,6 +945,13 @@ def _on_which(noun: Noun, np: Phrase) -> Steps:
 def _nearer_to_you(b: Phrase, c: Phrase, compared: str = "near") -> Steps:
     """Read "are you closer to the sink or to the table?"."""
     return _which_of_two(compared, b, c)
+
+
+@_rule("question", "IS np (ON | AT | IN | NEAR | UNDER) a:np OR (ON | AT | IN | NEAR | UNDER)? b:np", cost=-0.5)
+def _at_which_of_two(np: Phrase, a: Phrase, b: Phrase) -> Steps:
+    """Read "is the laptop on the desk or on the bed?"."""
+    both = united((a, b))
+    return _told(_changed(both, f"having({both.text}, {np.argument})", both.notes + np.notes, many=False), "list")
 
 
 @_rule(
@@ -1128,7 +1144,7 @@ def _which_is_nearer(np: Phrase, of: Phrase, far: str = "") -> Steps:
 
 
 @_rule("question", "what:LIST (THAT | IS)* post+", cost=0.1)
-@_rule("question", "LIST? what:WHAT (IS | EXIST | DOES | SEE | THAT)* post+")
+@_rule("question", "LIST? what:WHAT (IS | EXIST | DOES | SEE | THAT)* post+ IS?")
 def _what_is(post: Sequence[Parts], what: str) -> Steps:
     parts = [part for parts in post for part in parts]
     # "what is on the table besides the book?" leaves out books, not a table
@@ -1180,8 +1196,8 @@ def _how_far(np: Phrase) -> Steps:
 
 @_rule(
     "question",
-    "HOWFAR AWAY? APART? (IS IT?)? (FROM | BETWEEN)? a:np AWAY? (TO | FROM | AND) b:np APART? | (WHAT IS)? DET? "
-    "DISTANCE (BETWEEN | FROM)? a:np (AND | TO) b:np",
+    "HOWFAR AWAY? APART? (IS IT?)? (FROM | BETWEEN)? a:np AWAY? (TO | FROM | AND | UNTIL) b:np APART? | (WHAT IS)? "
+    "DET? DISTANCE (BETWEEN | FROM)? a:np (AND | TO) b:np",
     cost=-0.1,
 )
 def _how_far_apart(a: Phrase, b: Phrase) -> Steps:
@@ -1371,11 +1387,19 @@ def _shown(order: Steps, verb: str) -> Steps:
     return order
 
 
+@_rule("done", "order (COMMA | STOP | AND | BUT)+ (MAKE | TAKE | HANDS) first:thing n:ORD", cost=-0.7)
 @_rule("done", "order (COMMA | AND | BUT)* (STARTWITH first:thing | (GIVE | KEEP) last:thing LASTLY)", cost=-0.4)
-def _one_first(order: Steps, first: Phrase | None = None, last: Phrase | None = None) -> Steps:
+def _one_first(order: Steps, first: Phrase | None = None, last: Phrase | None = None, n: int = 1) -> Steps:
     """Read "visit both desks, but leave the one in the bedroom for last"."""
     head, one = order[0], first or last
-    if len(order) != 1 or not isinstance(head, Do) or len(head.phrases) != 1 or not one or not head.phrases[0].many:
+    if (
+        n != 1
+        or len(order) != 1
+        or not isinstance(head, Do)
+        or len(head.phrases) != 1
+        or not one
+        or not head.phrases[0].many
+    ):
         raise CommandError("")
     every = head.phrases[0]
     if one.base not in (ONE, every.base) or one.many:
@@ -1663,13 +1687,17 @@ _words("_forth", "FORWARD distance")
 _rule("next", "(COMMA | AND | THEN | STOP | BUT)* (AND | THEN) (COMMA | AND | THEN | STOP | BUT)* item")(
     lambda item: (True, item)
 )
-_rule("next", "(COMMA | STOP | BUT)+ item", "&(_verb | _forth) item")(lambda item: (False, item))
+_rule("next", "(COMMA | STOP | BUT)+ item")(lambda item: (False, item))
+_rule("next", "&(_verb | _forth) item")(lambda item: (None, item))
 
 
 @_rule("items", "item next*")
-def _items(item: Steps, next: Sequence[tuple[bool, Steps]] = ()) -> Steps:
+def _items(item: Steps, next: Sequence[tuple[bool | None, Steps]] = ()) -> Steps:
     named = [isinstance(step, Do) and not step.verb for step in (item[-1], *(steps[0] for _, steps in next))]
     joined = any(joint for joint, _ in next)
+    for before, (joint, _) in zip((item, *(steps for _, steps in next)), next, strict=False):
+        if joint is None and isinstance(before[-1], Do) and _kind(before[-1]) == "tell":
+            raise CommandError("")  # "how many boxes are there hiding under the bed?" moves nothing
     if not joined and any(b and not a for a, b in pairwise(named)):
         raise CommandError("")  # "the bar: second stool" is one thing, told twice
     steps = [*item, *(step for _, steps in next for step in steps)]

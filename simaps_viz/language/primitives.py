@@ -5,6 +5,7 @@ the prompt of a language model all read them there. Every look-up and function i
 where the robot is then.
 """
 
+import ast
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
@@ -65,6 +66,8 @@ class Primitive:
     parameters: tuple[Parameter, ...]
     meaning: str
     result: Result = "nothing"
+    typed: str = ""
+    """The signature with the types of its parameters."""
 
     @property
     def signature(self) -> str:
@@ -73,12 +76,25 @@ class Primitive:
         return f"{'' if self.kind == 'function' else 'robot.'}{self.name}({', '.join(words)})"
 
 
-def _primitive(name: str, one: dict[str, Any]) -> Primitive:
-    parameters = tuple(Parameter(**parameter) for parameter in one["parameters"])
-    return Primitive(name, one.get("kind", "function"), parameters, one["meaning"], one["result"])
+def _primitive(typed: str, meaning: str, kind: Kind = "function") -> Primitive:
+    """Read one from its signature: "face(name: label, instance: instance = 1)", "count(S: things) -> number"."""
+    read = ast.parse(f"def {typed}: ...").body[0]
+    assert isinstance(read, ast.FunctionDef), typed
+    defaults = [REQUIRED] * (len(read.args.args) - len(read.args.defaults)) + [
+        ast.literal_eval(default) for default in read.args.defaults
+    ]
+    names = [(one.arg, ast.unparse(one.annotation or one)) for one in read.args.args]
+    parameters = tuple(Parameter(*one, default) for one, default in zip(names, defaults, strict=True))
+    result: Any = ast.unparse(read.returns) if read.returns else "nothing"
+    return Primitive(read.name, kind, parameters, meaning, result, typed)
 
 
-PRIMITIVES: Final = {name: _primitive(name, one) for name, one in load("primitives.json").items()}
+_READ: Final = [
+    _primitive(typed, meaning, kind)
+    for kind, ones in load("primitives.json").items()
+    for typed, meaning in ones.items()
+]
+PRIMITIVES: Final = {one.name: one for one in _READ}
 """All 23, by name; those of ``primitives.json``."""
-FUNCTIONS: Final = {name: _primitive(name, one) for name, one in _FUNCTIONS["functions"].items()}
+FUNCTIONS: Final = {one.name: one for one in (_primitive(*pair) for pair in _FUNCTIONS["functions"].items())}
 """All functions, by name; those of ``functions.json``."""

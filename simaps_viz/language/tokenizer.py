@@ -38,7 +38,7 @@ _ASKS: Final = r",? (?:(?:on|in|at|to|from|under) )?(?:how|where|what|which|whet
 _POLITE: Final = re.compile(
     r"\b(?:"
     # "I would be most grateful if you could", "I was just wondering whether you might perhaps"
-    rf"(?:i|we|it) would (?:{_SOFTLY})(?:be|appreciate|love|like)\b(?:\s+\w+){{0,5}}? if {_WHO} "
+    rf"(?:i|we|it) (?:would|should) (?:{_SOFTLY})(?:be|appreciate|love|like)\b(?:\s+\w+){{0,5}}? if {_WHO} "
     r"(?:would|could|can|might|were to|went ahead and)|"
     rf"(?:i|we) (?:was |am |were |are )?{_SOFTLY}(?:wonder|wondered|wondering|asking|hope|hoping|curious)"
     rf"(?: (?:if|whether|that)(?: {_WHO} (?:would|could|can|might|may))?|(?={_ASKS}))|"
@@ -47,6 +47,7 @@ _POLITE: Final = re.compile(
     # "what I need you to do is", "here is the plan:"
     rf"(?:here is )?what (?:i|we|you) (?:would |have |should |could )?{_SOFTLY}(?:like|need|want|do|have)"
     r"(?: you)?(?: to)?(?: do)?(?: with)?(?: now)?(?: is|\s*:\s*)(?: to)?|"
+    rf"(?:could|can|may|might) (?:i|we) (?:ask|know)(?={_ASKS})|be (?:good|kind|nice) enough (?:as )?to|"
     r"be (?:an?|my|so|very) (?:\w+ )?\w+ (?:and|enough to|as to)|do (?:me|us) an? (?:\w+ )?favou?r and|"
     rf"(?:why (?:do not|don['’]?t|not)|how about)(?: {_WHO}\b)?(?! (?:is|are)\b)|"
     r"would it be (?:\w+ ){1,3}?(?:to ask you to|for you to|if you (?:would|could))|"
@@ -113,12 +114,13 @@ _PAST: Final = {
 _WISHED: Final = re.compile(rf"\bif you (?:{_SOFTLY})({'|'.join(_PAST)})\b")
 """What is wished for in the past tense: "I would be glad if you went"."""
 _MODAL: Final = re.compile(
-    r"\b(?:would|could|might|can|will) (?=(?:the|my|our|your|there|an?|any|this|that|these|those)\b)"
+    r"\b(?:would|could|might|can|will) (?=(?:it|the|my|our|your|there|an?|any|this|that|these|those)\b)"
     r"([^,.;:!?]{2,60}?)\b(?:happen to |possibly |perhaps |by any chance )?be\b"
 )
 """What is asked by way of a possibility: "might the bag be under the bench"."""
 _ALL_OF: Final = re.compile(
-    r",\s*(?:every (?:single )?one|all|each(?: and every)?(?: one)?|the lot) of (?:them|those)(?=\s*(?:[,.;!?]|$))"
+    r",\s*(?:every (?:single )?one|all(?: \w+)?|both|each(?: and every)?(?: one)?|the lot) of "
+    r"(?:them|those)(?=\s*(?:[,.;!?]|$))"
 )
 """What only repeats that all are meant: "the bins, every one of them"."""
 _WHO_PUT_DOWN: Final = re.compile(
@@ -236,6 +238,7 @@ def plainly(text: str) -> str:
     said = _GOT.sub(r"does \1 have", said)
     said = re.sub(r"(^\W*|[,.;:!?] *|then )should (?!i\b|we\b|you\b)([^,.;:!?]{2,60}?) be\b", r"\1if \2 is", said)
     said = re.sub(r", not (?:this|that) (?:one|\w+), (?=the\b)", ", ", said)
+    said = re.sub(r"\bplease to (?!the\b|an?\b|my\b|our\b|your\b|this\b|that\b|some\b)", "please ", said)
     said = _MODAL.sub(r"is \1", said)
     said = _ATTRIBUTE.sub("what is the ", said)
     said = _NEGATIVE.sub(r"\1 \2", said)
@@ -440,7 +443,8 @@ def _edges(kind: str, words: Sequence[str], at: int, vocabulary: Vocabulary) -> 
         room = _COST_OF_ROOM * (name == "ROOMKIND" and any(other in ("NOUN", "NOUNS") for _, other, _ in found))
         yield Edge(name, value, at + length, _COST_OF_WORD * (longest - length) + homonym + room)
     after = " ".join(words[at + 1 : at + 6])
-    placed = _PLACE.match(after) if at and (_PUT if found else _PLACED).fullmatch(words[at]) else None
+    plainly_put = _PUT if found and not words[at].endswith("ing") else _PLACED
+    placed = _PLACE.match(after) if at and plainly_put.fullmatch(words[at]) else None
     for particles in {0, placed[1].count(" ")} if placed else ():
         yield Edge("IS", words[at], at + 1 + particles, _COST_OF_HOMONYM)
     if _FINITE.fullmatch(words[at]):
