@@ -64,7 +64,7 @@ waits."""
 CONTENT = "names, poses, cameras and tables"
 """Under this name the log of a build keeps the hash of its sequence."""
 
-FIRST_FRAMES = 20
+NO_MASKS_AFTER = 20
 """When none of so many first frames can be read, the sequence is at fault, not a frame."""
 
 
@@ -269,7 +269,7 @@ class _Building:
         name = self.sequence.frame_names[read.index]
         self.accumulator.skip_frame(read.index, name, self.T_map_camera[read.index], str(read.error))
         skipped = finalize.skipped_frames(self.accumulator.frames)
-        none_yet = len(skipped) == len(self.accumulator.frames) == min(self.wanted, FIRST_FRAMES)
+        none_yet = len(skipped) == len(self.accumulator.frames) == min(self.wanted, NO_MASKS_AFTER)
         if none_yet or 2 * len(skipped) > self.wanted:
             more = f", and {len(skipped) - 1} more of {self.wanted} frames" if len(skipped) > 1 else ""
             raise InputError(f"{next(iter(skipped.values()))}{more}")

@@ -44,7 +44,7 @@ DERIVATIVE_STEP = 3e-3
 """Wide enough that depth noise does not pass for slope."""
 MAX_STEP = 0.15
 """Limit of any change of `ALL`, as slopes hold only nearby; a focal length twice too long takes five steps."""
-LEAST_GAIN = 0.01
+MIN_GAIN = 0.01
 """Gain of quality that counts: where frames hardly overlap, any camera gains a little by chance."""
 ROUNDING = 0.002
 """Residual that is always possible (depth in whole steps, poses of few digits)."""
@@ -177,7 +177,7 @@ def best_fit(sight: Sight, camera: NDArray, unit_m: float, *, worth: float) -> t
     stated = quality(sight.residuals(camera, unit_m))
     start = _start(sight, camera, unit_m)
     whole = fit(sight, start, unit_m, ALL)
-    if whole.quality < stated * (1 + worth) + LEAST_GAIN:
+    if whole.quality < stated * (1 + worth) + MIN_GAIN:
         return None
     found = {"all": whole}
     if not np.array_equal(start, camera):
@@ -364,7 +364,7 @@ ALL_SHIFTS = (0, *SHIFTS)
 SHIFT_GAIN = 0.05
 """Relative gain of quality that a shift has to bring ..."""
 FRACTIONS = tuple(i / 4 for i in range(-3, 4))
-LEAST_FRACTION = 0.1
+MIN_FRACTION = 0.1
 """Of a frame; less does not matter."""
 OFFSET_GAIN = 0.01
 """Relative gain of quality that a fraction of a frame has to bring."""
@@ -435,7 +435,7 @@ def best_offset(recording: Recording, views: Views, pairs: NDArray, reading: Rea
     bend = before - 2 * top + after
     step = FRACTIONS[1] - FRACTIONS[0]
     fraction = FRACTIONS[at] + float(np.clip(step * (before - after) / (2 * bend), -step, step)) if bend < 0 else 0.0
-    if abs(fraction) < LEAST_FRACTION:
+    if abs(fraction) < MIN_FRACTION:
         return reading.shift
     stated, moved, other = (quality(reading.shift + by) for by in (0.0, fraction, -fraction))
     known = np.isfinite(stated + moved + other)

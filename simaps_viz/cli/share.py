@@ -59,7 +59,7 @@ class Share:
         from simaps_viz.mapping.mending import load_mended
         from simaps_viz.navigation.agent import answer, start_pose
         from simaps_viz.structures import Pose2
-        from simaps_viz.viewer.share import drive_of, share_bytes
+        from simaps_viz.viewer.page.share import drive_of, share_bytes
 
         ending = self.output.suffix.lower()
         if ending not in ENDINGS:

@@ -9,10 +9,10 @@ PALETTE: tuple[Color, ...] = (
     (230, 159, 0), (0, 114, 178), (240, 228, 66), (119, 51, 119), (0, 158, 115), (255, 102, 136), (51, 238, 255),
     (153, 51, 68), (136, 119, 255), (187, 238, 170), (86, 180, 233), (170, 0, 0),
 )  # fmt: skip
-"""Five are Okabe and Ito's; the others were searched for so that no two are closer than LEAST_APART.
+"""Five are Okabe and Ito's; the others were searched for so that no two are closer than MIN_APART.
 Neighbours in this list differ most."""
 
-LEAST_APART = 11.0
+MIN_APART = 11.0
 """CIEDE2000 between any two colours of PALETTE, seen with normal vision and without the red, green or blue cones
 (Machado, Oliveira and Fernandes 2009)."""
 ALIKE_BELOW = 18.0

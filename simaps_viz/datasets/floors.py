@@ -21,11 +21,11 @@ BIN_M, CELL_M = 0.02, 0.2
 """Surface is counted in cells of this side, at heights of this step."""
 REACH = 2
 """Steps below and above that count as one height."""
-FLOOR_SHARE, LEAST_M2 = 0.15, 4.0
+FLOOR_SHARE, MIN_M2 = 0.15, 4.0
 """Area of a floor: a share of the largest floor's, and square metres; a landing of the stairs is smaller."""
 PEAK = 3.0
 """Times the mean area of the heights around, which a floor has; on a ramp all heights have the same."""
-LEAST_FRAMES = 0.02
+MIN_FRAMES = 0.02
 """Share of the frames that are on a floor."""
 OVER_FLOOR_M = 0.1
 """A camera is on a floor when it is so much higher; lower ones see the ceiling below it, from the stairs."""
@@ -57,7 +57,7 @@ def find_floors(sequence: FrameSource) -> tuple[float, ...]:
     floors = _levels(_upward_points(sequence))
     if len(floors):
         frames = np.bincount(floor_of_cameras(cameras_m, floors), minlength=len(floors))
-        floors = floors[frames >= LEAST_FRAMES * len(cameras_m)]
+        floors = floors[frames >= MIN_FRAMES * len(cameras_m)]
     if len(floors) < 2:
         return (0.0,)
     # The map's own floor is as exact as can be; the others are measured from it.
@@ -207,7 +207,7 @@ def _levels(points: NDArray) -> NDArray:
     begin, end = np.searchsorted(step_of, [steps - REACH, steps + REACH + 1])
     area_m2 = np.array([len(np.unique(cell[a:b])) for a, b in zip(begin, end, strict=True)]) * CELL_M**2
     levels: list[float] = []
-    for first in np.flatnonzero(area_m2 >= max(FLOOR_SHARE * area_m2.max(), LEAST_M2)).tolist():
+    for first in np.flatnonzero(area_m2 >= max(FLOOR_SHARE * area_m2.max(), MIN_M2)).tolist():
         top = first + int(area_m2[first : first + 4 * REACH].argmax())
         around = area_m2[max(0, top - round(STOREY_M / 2 / BIN_M)) : top + round(STOREY_M / 2 / BIN_M)]
         centre_m = (low + top + 0.5) * BIN_M

@@ -123,11 +123,11 @@ def _load(entry: str) -> Reader:
     return resolve_name(entry)
 
 
-MOST_LISTED = 8
+MAX_LISTED = 8
 """Names of a folder that a message shows."""
-MOST_SEARCHED = 20_000
+MAX_SEARCHED = 20_000
 """Files of a folder whose names are looked at."""
-DEEPEST, MOST_FOLDERS = 4, 200
+MAX_DEPTH, MAX_FOLDERS = 4, 200
 """Levels of folders, and folders in all, that a recording is looked for in."""
 _IMAGES = (".png", ".pgm", ".jpg", ".jpeg")
 
@@ -135,7 +135,7 @@ _IMAGES = (".png", ".pgm", ".jpg", ".jpeg")
 def unknown_folder(path: Path, readers: Sequence[Reader]) -> InputError:
     """Return the error for a folder of no known format; its notes list the formats and a manifest for the folder."""
     names = [f"{p.name}/" if p.is_dir() else p.name for p in _inside(path)]
-    shown = ", ".join(names[:MOST_LISTED]) + ", ..." * (len(names) > MOST_LISTED) if names else "an empty folder"
+    shown = ", ".join(names[:MAX_LISTED]) + ", ..." * (len(names) > MAX_LISTED) if names else "an empty folder"
     error = InputError(f"{path}: expected a recording of a format that is read, found {shown}{_nearest(path, readers)}")
     error.add_note("Formats that are read, and the files they are recognised by (docs/FORMATS.md):")
     for reader in readers:
@@ -149,7 +149,7 @@ def unknown_folder(path: Path, readers: Sequence[Reader]) -> InputError:
 def manifest_for(path: Path) -> str:
     """Return a manifest (JSON) for the pictures in a folder, as far as their names tell."""
     folders = Counter[tuple[str, str]]()
-    for _, file in zip(range(MOST_SEARCHED), path.rglob("*"), strict=False):
+    for _, file in zip(range(MAX_SEARCHED), path.rglob("*"), strict=False):
         if file.suffix.lower() in _IMAGES:
             folders[file.parent.relative_to(path).as_posix(), file.suffix] += 1
     lossless = (key for key, _ in folders.most_common() if key[1] in _IMAGES[:2])
@@ -193,11 +193,11 @@ def ways(facts: FormatFacts) -> list[list[list[str]]]:
 
 
 def _folders(path: Path) -> list[Path]:
-    """Return the folders in a folder, down to `DEEPEST` of them, the upper ones first."""
+    """Return the folders in a folder, down to `MAX_DEPTH` of them, the upper ones first."""
     found, level = [], [path]
-    for _ in range(DEEPEST):
+    for _ in range(MAX_DEPTH):
         level = [folder for above in level for folder in _inside(above) if folder.is_dir()]
-        level = level[: MOST_FOLDERS - len(found)]
+        level = level[: MAX_FOLDERS - len(found)]
         found += level
     return found
 

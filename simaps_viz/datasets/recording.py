@@ -108,7 +108,7 @@ def left_out(count: int, total: int, which: str) -> tuple[str, ...]:
     return (f"{count} of {total} {which}: left out",) if count else ()
 
 
-FIRST_FRAMES = 20
+MAX_TRIED = 20
 """When none of so many first frames can be read, the recording is at fault, not a frame."""
 
 
@@ -116,10 +116,10 @@ def first_readable(read: Callable[[int], T], count: int, *, strict: bool = False
     """Return what reading the first of so many frames gives, or else the next that can be read.
 
     Raises:
-        InputError: The first cannot be read, nor any of `FIRST_FRAMES`; with ``strict``, the first cannot.
+        InputError: The first cannot be read, nor any of `MAX_TRIED`; with ``strict``, the first cannot.
     """
     error = None
-    for index in range(1 if strict else min(count, FIRST_FRAMES)):
+    for index in range(1 if strict else min(count, MAX_TRIED)):
         try:
             return read(index)
         except InputError as found:

@@ -31,11 +31,11 @@ _YAW_BINS = 36
 _NEW_BINS = 3
 """A view is of a new direction if it is at least so many yaw bins, or an elevation bin, away from those chosen."""
 _ELEVATIONS_DEG = (20.0, 50.0)
-_LEAST_SHARE = 0.2
+_MIN_SHARE = 0.2
 """A view that shows less of an object than this share of its best view is not looked at."""
 _MARGIN = 0.15
 """A crop is larger than the object's box by this share of its longer side, all round."""
-_LEAST_PIXELS = 64
+_MIN_PIXELS = 64
 _SCALES = np.geomspace(5.0, 500.0, 60)
 _USUAL_SCALE = 100.0
 """What CLIP was trained to; SigLIP's is about the same."""
@@ -117,7 +117,7 @@ def choose_views(simap: SIMap) -> dict[int, list[tuple[int, int, float]]]:
         directions: list[tuple[int, int]] = []
         for worth, frame, segment, purity in sorted(found):
             direction = _direction(simap.T_map_camera[frame][:3, 3], instance.centroid_m)
-            enough = -worth >= -_LEAST_SHARE * min(found)[0]
+            enough = -worth >= -_MIN_SHARE * min(found)[0]
             if enough and all(_differ(direction, other) for other in directions):
                 directions.append(direction)
                 chosen[frame].append((row, segment, purity))
@@ -142,7 +142,7 @@ def _crops(frame: Frame, masks: Segmentation, segment: int, grey: NDArray) -> tu
     """Return a segment's picture, as it is and with its background masked, and its pixels; None for a few pixels."""
     mask = masks.ids == segment
     pixels = int(np.count_nonzero(mask))
-    if pixels < _LEAST_PIXELS or frame.color is None:
+    if pixels < _MIN_PIXELS or frame.color is None:
         return None
     # A square, as far as the picture reaches, so that neither squashing nor cutting out the middle does harm.
     v, u = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))

@@ -22,9 +22,9 @@ from simaps_viz.structures import Instance, SIMap
 STOCK: Mapping[str, list[str]] = json.loads(
     resources.files("simaps_viz.embedding").joinpath("stock_words.json").read_text(encoding="utf-8")
 )
-LEAST_SCORE = 0.35
+MIN_SCORE = 0.35
 """An object whose score is lower is not what was asked for."""
-LEAST_MARGIN = 0.05
+MIN_MARGIN = 0.05
 """If the best object's best other word comes closer than this, the words do not fit it clearly."""
 _CLASS_SHARE = 0.3
 """How much of an object's vector is that of its class (as in DualMap)."""
@@ -91,18 +91,16 @@ def _by_vectors(simap: SIMap, look: Appearance, asked: str, k: int) -> tuple[Fou
     ranking = index.rank(query, uses=asked.startswith(_USE_WORDS))
     best = int(ranking.scores.argmax())
     rival, rival_score = ranking.rival(best)
-    if ranking.scores[best] < LEAST_SCORE:
+    if ranking.scores[best] < MIN_SCORE:
         name = plain(simap.by_id(int(index.ids[best])).label)
         raise CommandError(
             f'Nothing on this map looks like "{asked}". The nearest is the {name}, which looks more like "{rival}".'
         )
-    if ranking.scores[best] - rival_score < LEAST_MARGIN:
+    if ranking.scores[best] - rival_score < MIN_MARGIN:
         raise CommandError(f'What looks most like "{asked}" on this map looks as much like "{rival}".')
     order = np.argsort(-ranking.scores, kind="stable")[:k]
     return tuple(
-        Found(simap.by_id(int(index.ids[i])), float(ranking.scores[i]))
-        for i in order
-        if ranking.scores[i] >= LEAST_SCORE
+        Found(simap.by_id(int(index.ids[i])), float(ranking.scores[i])) for i in order if ranking.scores[i] >= MIN_SCORE
     )
 
 

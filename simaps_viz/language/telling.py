@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 Told = tuple[str, Any, Sequence[Instance]]
 """The sentence, its value (number, truth, name or None), and the things it speaks of."""
-_MOST_LISTED: Final = 12
+_MAX_LISTED: Final = 12
 _BEND_M: Final = 0.35
 """How far a way may leave the straight line before that is a turn."""
 _LANDMARK_M: Final = 1.0
@@ -116,8 +116,8 @@ def _where(sets: "Sets", found: Things) -> Told:
         # what was looked for may be a kind or a description: say what it is, too
         is_a = "" if found.noun == _noun(first) else f"{with_article(_noun(first))}, "
         return f"{_cap(found.the)} is {is_a}{place_of(sets, first)}.", first.label, [first]
-    places = "; ".join(place_of(sets, i) for i in found.items[:_MOST_LISTED])
-    more = "; …" if len(found) > _MOST_LISTED else ""
+    places = "; ".join(place_of(sets, i) for i in found.items[:_MAX_LISTED])
+    more = "; …" if len(found) > _MAX_LISTED else ""
     return f"There are {found.number()}: {places}{more}.", first.label, list(found.items)
 
 
@@ -127,7 +127,7 @@ def _what(sets: "Sets", found: Things) -> Told:
         counts[_noun(thing)] = counts.get(_noun(thing), 0) + 1
     parts = [with_article(noun) if n == 1 else f"{n} {plural(noun)}" for noun, n in counts.items()]
     listed = _and(
-        parts[:_MOST_LISTED] + ([f"{len(parts) - _MOST_LISTED} more kinds"] if len(parts) > _MOST_LISTED else [])
+        parts[:_MAX_LISTED] + ([f"{len(parts) - _MAX_LISTED} more kinds"] if len(parts) > _MAX_LISTED else [])
     )
     there = "is" if len(found) == 1 else "are"
     after = f" {found.after}" if found.after else ""

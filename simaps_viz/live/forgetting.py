@@ -40,7 +40,7 @@ UNKNOWN, THERE, CLEAR = 0, 1, 2
 CONTRADICTS, TIMES = 0.4, 4.0
 """Of the cells whose top would be seen, a frame sees through more than this share, and more than so many times what
 three of four of the last frames see through: with noisy depth or drifting poses that is a lot."""
-LEAST_CELLS = 50
+MIN_CELLS = 50
 """With fewer cells in view nothing is contradicted."""
 
 Cells = tuple[NDArray, NDArray]
@@ -107,7 +107,7 @@ class Forgetting:
     def contradicts(self, sight: Sight) -> bool:
         """Return whether a frame and the map cannot both be right; to be asked once a frame."""
         asked = sight.there + sight.clear
-        if asked < LEAST_CELLS:
+        if asked < MIN_CELLS:
             return False
         self._shares.append(sight.clear / asked)
         return self._shares[-1] > max(CONTRADICTS, TIMES * float(np.percentile(self._shares, 75)))

@@ -36,7 +36,7 @@ SOFT_M = 0.1
 CANDIDATES = 5
 AS_FRAMES = 5
 """An earlier map counts as so many frames, which saw all of it from above."""
-MIN_CELLS, MOST_CLASSES, MOST_POINTS = 8, 8, 1500
+MIN_CELLS, MAX_CLASSES, MAX_POINTS = 8, 8, 1500
 """Of a class that is compared; the largest classes; and points of each that are looked up when refining."""
 
 
@@ -148,7 +148,7 @@ def _layers(old: Grid, new: Grid) -> Iterator[_Layer]:
     yield _Layer(_centres(new, free[1]), (free[0] | ~seen).astype(np.float32), 1)
     sizes = np.bincount(new.label[solid[1]], minlength=len(new.labels))
     known = [label for label, name in enumerate(new.labels) if label and name in old.labels]
-    for label in sorted(known, key=lambda label: -sizes[label])[:MOST_CLASSES]:
+    for label in sorted(known, key=lambda label: -sizes[label])[:MAX_CLASSES]:
         where, name = (new.label == label) & solid[1], new.labels[label]
         if sizes[label] >= MIN_CELLS:
             there = (old.label == old.labels.index(name)) & solid[0]
@@ -225,7 +225,7 @@ def _soft(grid: Grid, where: NDArray) -> NDArray:
 
 
 def _some(points: NDArray, rng: np.random.Generator) -> NDArray:
-    return points if len(points) <= MOST_POINTS else points[rng.choice(len(points), MOST_POINTS, replace=False)]
+    return points if len(points) <= MAX_POINTS else points[rng.choice(len(points), MAX_POINTS, replace=False)]
 
 
 def _turn(yaw_rad: float) -> NDArray:

@@ -1,10 +1,10 @@
 """Takes shots from a source until it ends, and puts them on a map that grows: with masks where they come in time.
 
 The map does not know how many frames or classes will come, and its frames can be placed again. A frame is projected by
-itself, and what it saw is then replayed onto the map, as a build log is. So the map of a
-sequence played to its end is that of its build, bit for bit, as long as no place was seen too often (`PLACE`). Frames
-whose poses may be corrected are put aside in a scratch file. (Moving what they saw cell by cell needs no pictures, but
-blurs every border by half a cell: on a rendered house panoptic quality fell from .97 to .70, and here it stays at .97.)
+itself, and what it saw is then replayed onto the map, as a build log is. So the map of a sequence played to its end is
+that of its build, bit for bit, as long as no place was seen too often (`PLACE_SIZE`). Frames whose poses may be
+corrected are put aside in a scratch file. (Moving what they saw cell by cell needs no pictures, but blurs every border
+by half a cell: on a rendered house panoptic quality fell from .97 to .70, and here it stays at .97.)
 """
 
 import sys
@@ -52,7 +52,7 @@ from simaps_viz.segmentation.protocol import Network
 from simaps_viz.segmentation.sequences import needs_stuff
 from simaps_viz.structures import Frame, Intrinsics, Segment, Segmentation, SIMap
 
-PLACE = (0.25, 0.25, 0.25, np.deg2rad(30.0), np.deg2rad(30.0))
+PLACE_SIZE = (0.25, 0.25, 0.25, np.deg2rad(30.0), np.deg2rad(30.0))
 """Frames are taken from the same place when their cameras share a cube of so many metres, and a sector of headings."""
 SHARE = 0.25
 """Of the time, on another processor than frames, may be spent on making maps to be looked at."""
@@ -68,7 +68,7 @@ NEWS_CELLS = 9
 """In so many cells a frame has to show something new."""
 LOOK_AT = 30
 """Frames from which the place on an earlier map is looked for; without success again at twice as many."""
-MOST_PASSES = 3
+MAX_PASSES = 3
 """A map is made again at most so often without what was left of objects that have gone."""
 PATIENCE = 15
 """So many frames in a row that contradict the map are left out; then they are right, and the map was not."""
@@ -86,11 +86,11 @@ class _Kept:
     """Epoch, and time in ns."""
     T_odom_camera: NDArray | None
     intrinsics: Intrinsics
-    stored: "Future[tuple[_Place, _Place, _Place]]"
+    stored: "Future[tuple[_Stored, _Stored, _Stored]]"
     """Where its step, its depth and its ids lie in the scratch file."""
 
 
-_Place = tuple[int, int]
+_Stored = tuple[int, int]
 """Offset and length in bytes."""
 
 
@@ -101,7 +101,7 @@ class _Scratch:
         self._file = OnDisk(unnamed_file())
         self._free: defaultdict[int, list[int]] = defaultdict(list)
 
-    def add(self, data: bytes) -> _Place:
+    def add(self, data: bytes) -> _Stored:
         blocks = -(-len(data) // BLOCK)
         try:
             offset = self._free[blocks].pop()
@@ -110,11 +110,11 @@ class _Scratch:
         self._file.add(data, offset)
         return offset, len(data)
 
-    def read(self, place: _Place) -> bytes:
-        return self._file.read(*place)
+    def read(self, stored: _Stored) -> bytes:
+        return self._file.read(*stored)
 
-    def free(self, *places: _Place) -> None:
-        for offset, length in places:
+    def free(self, *stored: _Stored) -> None:
+        for offset, length in stored:
             self._free[-(-length // BLOCK)].append(offset)
 
 
@@ -169,7 +169,7 @@ class GrowingMap:
     def add(self, shot: Shot) -> list[FrameProjected]:
         """Put a shot on the map; return its event, and those of shots that waited for a floor, while it is so."""
         if self.T_map_world is not None:
-            events = self._place(shot)
+            events = self._put_on_map(shot)
             self._look_for_place()
             return events
         self._waiting.append(shot)
@@ -192,7 +192,7 @@ class GrowingMap:
             self.notes.append(f"no floor was found, so the world's height 0 is taken for it ({error})")
         self.T_map_world = map_from_world((0.0, 0.0, 1.0), height_m)
         waiting, self._waiting = self._waiting, []
-        return [event for shot in waiting for event in self._place(shot)]
+        return [event for shot in waiting for event in self._put_on_map(shot)]
 
     @property
     def is_placed(self) -> bool:
@@ -242,7 +242,7 @@ class GrowingMap:
             fresh.replay(step)
         return fresh
 
-    def _place(self, shot: Shot) -> list[FrameProjected]:
+    def _put_on_map(self, shot: Shot) -> list[FrameProjected]:
         T_map_camera = np.asarray(self.T_map_world @ shot.frame.T_world_camera)
         masks = shot.segmentation
         sight = self._forgetting.see(self._map, shot.frame, T_map_camera)
@@ -306,7 +306,7 @@ class GrowingMap:
             if (one := self._kept.pop(dropped, None)) is not None:
                 self._scratch.free(*one.stored.result())
 
-    def _store(self, step: FrameStep, frame: Frame, masks: Segmentation) -> tuple[_Place, _Place, _Place]:
+    def _store(self, step: FrameStep, frame: Frame, masks: Segmentation) -> tuple[_Stored, _Stored, _Stored]:
         """Put aside what placing a frame again needs, in the storing thread."""
         steps = np.rint(np.where(frame.depth_m <= self._far_m, frame.depth_m, 0.0) / self._depth_unit_m)
         # Steps from pixel to pixel are small: as good as PNG, in a fifth of its time.
@@ -339,7 +339,13 @@ class GrowingMap:
         return len(moving)
 
     def _project_again(
-        self, step: FrameStep, one: _Kept, stored: tuple[_Place, _Place, _Place], T_world_camera: NDArray, *, index: int
+        self,
+        step: FrameStep,
+        one: _Kept,
+        stored: tuple[_Stored, _Stored, _Stored],
+        T_world_camera: NDArray,
+        *,
+        index: int,
     ) -> tuple[Frame, FrameStep]:
         """Return a frame from another pose, and its step, which is kept in place of the old one."""
         k, read = one.intrinsics, self._scratch.read
@@ -409,10 +415,10 @@ class GrowingMap:
 
 
 def _place_of(T_map_camera: NDArray) -> tuple[int, ...]:
-    """Return the place that a frame is taken from: its cube and sectors, see `PLACE`."""
+    """Return the place that a frame is taken from: its cube and sectors, see `PLACE_SIZE`."""
     forward = T_map_camera[:3, 2]
     angles = np.arctan2(forward[1], forward[0]), np.arcsin(np.clip(forward[2], -1, 1))
-    return tuple(int(at // size) for at, size in zip((*T_map_camera[:3, 3], *angles), PLACE, strict=True))
+    return tuple(int(at // size) for at, size in zip((*T_map_camera[:3, 3], *angles), PLACE_SIZE, strict=True))
 
 
 def _made(
@@ -431,7 +437,7 @@ def _believed(
     The first ``old`` frames are an earlier map.
     """
     whole = accumulator.frames
-    for _ in range(MOST_PASSES):
+    for _ in range(MAX_PASSES):
         gone = None
         if forgetting or old:
             accumulator.frames, gone = forgetting.split(whole)

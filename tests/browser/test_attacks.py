@@ -11,9 +11,9 @@ from playwright.sync_api import expect
 
 from simaps_viz.errors import CommandError
 from simaps_viz.recorder.web_viewer import CONTENT_SECURITY_POLICY, rerun_page, viewer_assets
+from simaps_viz.viewer.page.share import page_html
 from simaps_viz.viewer.server.front_door import FrontDoor
 from simaps_viz.viewer.server.host import Host
-from simaps_viz.viewer.share import page_html
 from simaps_viz.viewer.workbench import Workbench
 
 MAP_SHOWN = "() => window.__viserMutable?.nodeRefFromName?.['/map'] != null"

@@ -40,7 +40,7 @@ from simaps_viz.viewer.panels.share import SHARE
 CHAIR_1, COUCH = 1, 5
 RIGHT = re.compile("^Right$")
 """The label of the choice itself, and not of the sliders below it."""
-LEAST_PX = 12.0
+MIN_PX = 12.0
 PAUSE_MS = 300
 ALL_SAY = SAYS | {
     "Compare": "Right",
@@ -154,7 +154,7 @@ def seen_in_all_tabs(page, bench, look):
 
 def small_or_spilt(page):
     """Return what is too small to be read, and what is wider than its panel."""
-    return page.evaluate(SMALL, LEAST_PX) + page.evaluate(SPILT)
+    return page.evaluate(SMALL, MIN_PX) + page.evaluate(SPILT)
 
 
 def test_every_tab_can_be_read_nothing_is_cut_off_and_every_control_has_a_name(bench, page):

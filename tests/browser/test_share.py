@@ -13,10 +13,10 @@ from toy_maps import TOY_POSE
 
 from simaps_viz.drawing.texture import FLOOR
 from simaps_viz.navigation.agent import answer
+from simaps_viz.viewer.page.share import HOLD_S, page_html
 from simaps_viz.viewer.page.shared import Services
 from simaps_viz.viewer.panels.share import SharePanel
 from simaps_viz.viewer.scene.map_scene import ROBOT, frame_extent, seen_extent
-from simaps_viz.viewer.share import HOLD_S, page_html
 
 
 def color_at(page, simap, place):

@@ -18,7 +18,7 @@ from simaps_viz.build.methods import build
 from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.colors.classes import COCO_THINGS, COMMON, STUFF, class_color, instance_color
 from simaps_viz.colors.instances import TOUCHES, class_colors, instance_colors, near_pairs, take_over
-from simaps_viz.colors.palette import ALIKE, ALIKE_BELOW, LEAST_APART, PALETTE
+from simaps_viz.colors.palette import ALIKE, ALIKE_BELOW, MIN_APART, PALETTE
 from simaps_viz.drawing.theme import DARK, LIGHT
 from simaps_viz.mapping.edits import apply as mend
 from simaps_viz.mapping.edits import merge
@@ -26,7 +26,7 @@ from simaps_viz.mapping.simap import recommunity, repartition
 from simaps_viz.scenes.demo import DemoSettings, ensure_demo
 
 HOUSE = Path(__file__).parents[2].parent / "shared" / "data" / "aws-small-house" / "rgbd"
-LEAST_FROM_GROUND = 8.0
+MIN_FROM_GROUND = 8.0
 SHARMA = (  # Sharma, Wu and Dalal 2005, table 1: pairs 1, 4, 7, 10, 17, 25 and 31
     ((50, 2.6772, -79.7751), (50, 0, -82.7485), 2.0425),
     ((50, -1.3802, -84.2814), (50, 0, -82.7485), 1.0000),
@@ -47,7 +47,7 @@ def adjacent(simap):
 def check_neighbours(simap):
     pairs, colors = adjacent(simap), instance_colors(simap)
     if len(pairs):
-        assert least_apart(colors[pairs[:, 0]], colors[pairs[:, 1]]) >= LEAST_APART
+        assert least_apart(colors[pairs[:, 0]], colors[pairs[:, 1]]) >= MIN_APART
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +72,7 @@ def test_the_measure_agrees_with_published_values(first, second, expected):
 def test_no_two_colours_of_the_palette_are_confused():
     assert len(set(PALETTE)) == len(PALETTE)
     first, second = zip(*combinations(PALETTE, 2), strict=True)
-    assert least_apart(first, second) >= LEAST_APART
+    assert least_apart(first, second) >= MIN_APART
 
 
 def test_the_colours_that_are_easily_confused_are_those_that_are_listed():
@@ -83,7 +83,7 @@ def test_the_colours_that_are_easily_confused_are_those_that_are_listed():
 @pytest.mark.parametrize("theme", [LIGHT, DARK], ids=lambda theme: theme.name)
 def test_objects_stand_out_from_what_is_under_them(theme):
     for ground in (theme.unseen, theme.floor, theme.clutter, theme.wall):
-        assert least_apart(PALETTE, [ground] * len(PALETTE)) >= LEAST_FROM_GROUND
+        assert least_apart(PALETTE, [ground] * len(PALETTE)) >= MIN_FROM_GROUND
 
 
 @pytest.mark.parametrize("theme", [LIGHT, DARK], ids=lambda theme: theme.name)
@@ -172,7 +172,7 @@ def test_classes_keep_their_colours_and_those_that_touch_differ(name, request):
     assert class_colors(repartition(simap, affinity=0.2)) == colors
     number = {one.id: one.label for one in simap.instances}
     pairs = [(colors[number[a]], colors[number[b]]) for a, b in adjacent(simap).tolist() if number[a] != number[b]]
-    assert least_apart(*zip(*pairs, strict=True)) >= LEAST_APART
+    assert least_apart(*zip(*pairs, strict=True)) >= MIN_APART
 
 
 @settings(max_examples=25, deadline=None)

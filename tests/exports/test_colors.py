@@ -10,7 +10,7 @@ from toy_maps import map_from_drawing
 
 from simaps_viz.colors.classes import class_color, instance_color
 from simaps_viz.colors.instances import class_colors, instance_colors
-from simaps_viz.colors.palette import LEAST_APART, PALETTE
+from simaps_viz.colors.palette import MIN_APART, PALETTE
 from simaps_viz.evaluation.run import WRONG_RED
 from simaps_viz.evaluation.two_maps import PALETTE as EVALUATION_PALETTE
 from simaps_viz.exports.exporter import ExportOptions
@@ -51,4 +51,4 @@ def test_classes_have_the_pages_colours_in_exports_too():
 def test_pictures_of_evaluations_leave_red_to_marks():
     assert set(EVALUATION_PALETTE) < set(PALETTE) and len(EVALUATION_PALETTE) == 9
     marks, colors = [WRONG_RED] * len(EVALUATION_PALETTE), list(EVALUATION_PALETTE)
-    assert least_apart(marks, colors) >= LEAST_APART
+    assert least_apart(marks, colors) >= MIN_APART

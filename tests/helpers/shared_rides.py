@@ -6,7 +6,7 @@ from toy_maps import TOY_POSE, toy_map
 
 from simaps_viz.colors.instances import instance_colors
 from simaps_viz.navigation.agent import answer
-from simaps_viz.viewer.share import drive_of
+from simaps_viz.viewer.page.share import drive_of
 
 COMMAND = "go to the couch"
 

@@ -18,8 +18,7 @@ from simaps_viz.errors import CommandError
 from simaps_viz.mapping.file import save_map
 from simaps_viz.mapping.history import cut_as
 from simaps_viz.mapping.partition import empty_log
-from simaps_viz.viewer.scene.map_scene import PATH, ROBOT
-from simaps_viz.viewer.share import (
+from simaps_viz.viewer.page.share import (
     ENDINGS,
     MAX_TIME_STEPS,
     MapSheet,
@@ -31,6 +30,7 @@ from simaps_viz.viewer.share import (
     shots,
     time_steps,
 )
+from simaps_viz.viewer.scene.map_scene import PATH, ROBOT
 
 
 def test_the_story_grows_and_counts():

@@ -7,7 +7,7 @@ from benchmarks.large_maps import large_map
 
 from simaps_viz.colors.instances import instance_colors
 from simaps_viz.viewer.page.page import Worker
-from simaps_viz.viewer.page.shared import MAX_SIDE, Once, paint
+from simaps_viz.viewer.page.shared import MAX_SIDE, SharedCache, paint
 from simaps_viz.viewer.session import Tabs
 
 
@@ -37,7 +37,7 @@ def test_a_page_faster_than_the_leaving_of_its_former_self_waits_for_it():
 
 
 def test_once_computes_once_waits_forgets_and_tries_again():
-    once: Once[int] = Once(2)
+    once: SharedCache[int] = SharedCache(2)
     gate, calls, found = threading.Event(), [], []
 
     def slow():
@@ -61,7 +61,7 @@ def test_once_computes_once_waits_forgets_and_tries_again():
 
 
 def test_once_keeps_to_its_size():
-    once: Once[bytes] = Once(9, size=len, most_size=10)
+    once: SharedCache[bytes] = SharedCache(9, size=len, max_size=10)
     once.get("a", lambda: b"123456")
     once.get("b", lambda: b"123456")
     assert once.get("a", lambda: b"") == b"" and once.get("b", lambda: b"") == b"123456"

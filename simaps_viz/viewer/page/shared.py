@@ -90,12 +90,12 @@ AT_ONCE = 2
 """Computations that may run at the same time; more would only slow each other down."""
 
 
-class Once(Generic[V]):
+class SharedCache(Generic[V]):
     """A cache of the latest results by key. Threads that ask for a result that is being computed wait for it."""
 
-    def __init__(self, most: int, *, size: Callable[[V], int] = lambda value: 0, most_size: int = 0) -> None:
-        """Keep ``most`` results, of at most ``most_size`` in total (0 = no limit) as ``size`` measures each."""
-        self._most, self._size, self._most_size = most, size, most_size
+    def __init__(self, max_count: int, *, size: Callable[[V], int] = lambda value: 0, max_size: int = 0) -> None:
+        """Keep ``max_count`` results, of at most ``max_size`` in total (0 = no limit) as ``size`` measures each."""
+        self._max_count, self._size, self._max_size = max_count, size, max_size
         self._found: OrderedDict[Hashable, V] = OrderedDict()
         self._under_way: dict[Hashable, threading.Event] = {}
         self._lock = threading.Lock()
@@ -133,10 +133,10 @@ class Once(Generic[V]):
                 del self._found[key]
 
     def _trim(self) -> None:
-        total = sum(map(self._size, self._found.values())) if self._most_size else 0
-        while len(self._found) > self._most or (total > self._most_size and len(self._found) > 1):
+        total = sum(map(self._size, self._found.values())) if self._max_size else 0
+        while len(self._found) > self._max_count or (total > self._max_size and len(self._found) > 1):
             _, dropped = self._found.popitem(last=False)
-            total -= self._size(dropped) if self._most_size else 0
+            total -= self._size(dropped) if self._max_size else 0
 
 
 class Shared:
@@ -146,12 +146,12 @@ class Shared:
         """Take the functions that compute."""
         self._services = services
         self._turn = threading.BoundedSemaphore(AT_ONCE)
-        self.partitions: Once[SIMap] = Once(MAX_PARTITIONS)
-        self.looks: Once[SIMap | None] = Once(MAX_LOOKS)
-        self.timelines: Once[Timeline] = Once(MAX_TIMELINES)
+        self.partitions: SharedCache[SIMap] = SharedCache(MAX_PARTITIONS)
+        self.looks: SharedCache[SIMap | None] = SharedCache(MAX_LOOKS)
+        self.timelines: SharedCache[Timeline] = SharedCache(MAX_TIMELINES)
         self._timeline: Timeline | None = None
-        self._names: Once[str] = Once(MAX_PARTITIONS)
-        self.pictures: Once[bytes] = Once(MAX_PICTURES, size=len, most_size=MAX_PICTURE_BYTES)
+        self._names: SharedCache[str] = SharedCache(MAX_PARTITIONS)
+        self.pictures: SharedCache[bytes] = SharedCache(MAX_PICTURES, size=len, max_size=MAX_PICTURE_BYTES)
 
     def cut_map(self, base: SIMap, percent: float, resolution: float) -> SIMap:
         """Cut a map into instances.

@@ -249,7 +249,7 @@ def _box(title: str, text: str, paper: str) -> str:
 
 
 PLACE_HINT = "Set position and heading by two clicks on the map, or put the robot back where it started."
-LEAST_HEIGHT_M = 0.1
+MIN_HEIGHT_M = 0.1
 HEIGHT_HINT = (
     "The robot's: a robot of 0.3 m drives under tables, one of 1.2 m does not. Counts from the next command on."
 )
@@ -857,7 +857,7 @@ class CommandPanel(Panel):
         self._speed = gui.add_slider("Speed (×)", 0.25, 8.0, 0.25, 1.0, hint=SPEED_HINT)
         self._speed.on_update(lambda _: setattr(self._drive, "speed", float(self._speed.value)))
         self._height = gui.add_slider(
-            "Robot height (m)", LEAST_HEIGHT_M, 2.0, 0.1, self._page.robot.height_m, hint=HEIGHT_HINT
+            "Robot height (m)", MIN_HEIGHT_M, 2.0, 0.1, self._page.robot.height_m, hint=HEIGHT_HINT
         )
         self._height.on_update(lambda _: self._set_height())
         self._follow = gui.add_checkbox(

@@ -10,8 +10,8 @@ from simaps_viz.drawing.legend import title_of
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.page.page import Page, Worker
 from simaps_viz.viewer.page.panel import Panel, PanelSpec, button
+from simaps_viz.viewer.page.share import Drive, drive_of, share_bytes
 from simaps_viz.viewer.panels.compare import Cancelled, note
-from simaps_viz.viewer.share import Drive, drive_of, share_bytes
 
 ABOUT = "one file of map and build that opens without a server; pictures and films"
 

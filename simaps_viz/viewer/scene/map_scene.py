@@ -36,7 +36,7 @@ LINES = ("/path", "/target", "/selection", "/changed", "/cut", "/rooms")
 CAMERA = (220, 60, 40)
 CAMERA_FOV_RAD, CAMERA_ASPECT, CAMERA_SIZE_M = 0.9, 4 / 3, 0.45
 """The mark of a camera shows where a frame was taken from, not how much was on it."""
-FLAT: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}
+NO_SHADOWS: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}
 FULL_HEIGHT_M = 2.5
 """A cut at this height cuts nothing."""
 POINT_M = 1.2 * VOXEL_M
@@ -68,7 +68,7 @@ class MapScene:
     """The nodes of one page's 3-D scene; every method replaces what it showed before."""
 
     def __init__(self, page: viser.ViserServer | viser.ClientHandle, simap: SIMap) -> None:
-        """Add the map's furniture (scale bar, compass); the map itself comes with ``show_map``."""
+        """Add the scale bar and the compass; the map itself comes with ``show_map``."""
         self._scene = self.nodes = page.scene
         """Viser's scene, for others that draw on it."""
         self._page = page
@@ -315,7 +315,7 @@ class MapScene:
                     xmax - xmin,
                     ymax - ymin,
                     format="png",
-                    **FLAT,
+                    **NO_SHADOWS,
                     position=((xmin + xmax) / 2.0, (ymin + ymax) / 2.0, z_m),
                 )
                 self._images[name] = (spec.extent_m, handle)
@@ -346,7 +346,7 @@ class MapScene:
                     solid.faces,
                     color=solid.color,
                     flat_shading=True,
-                    **FLAT,
+                    **NO_SHADOWS,
                 )
                 for i, solid in enumerate(made)
             ]
@@ -411,7 +411,7 @@ class MapScene:
             ROBOT_HEIGHT_M,
             color=ROBOT,
             position=(0.0, 0.0, ROBOT_HEIGHT_M / 2.0),
-            **FLAT,
+            **NO_SHADOWS,
         )
         tip, wing, z = 0.85 * ROBOT_RADIUS_M, 0.55 * ROBOT_RADIUS_M, ROBOT_HEIGHT_M + 0.01
         arrow = np.array([[tip, 0, z], [-wing, wing * 1.1, z], [-0.3 * wing, 0, z], [-wing, -wing * 1.1, z]])
@@ -421,7 +421,7 @@ class MapScene:
             np.array([[0, 1, 2], [0, 2, 3]]),
             color=(255, 255, 255),
             side="double",
-            **FLAT,
+            **NO_SHADOWS,
         )
         return robot
 
@@ -497,7 +497,7 @@ class CameraMark:
             thickness=2.5,
             thickness_units="screen",
             color=CAMERA,
-            **FLAT,
+            **NO_SHADOWS,
             visible=False,
         )
         upright = np.array([[[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]])

@@ -526,7 +526,7 @@ def _png(simap: SIMap, step: TimeStep | None) -> bytes:
 
 def _with_overlay(html: str, simap: SIMap, drive: Drive | None) -> str:
     """Put policy, title and text into viser's page."""
-    css = resources.files("simaps_viz.viewer").joinpath("share.css").read_text(encoding="utf-8")
+    css = resources.files("simaps_viz.viewer.page").joinpath("share.css").read_text(encoding="utf-8")
     head = f'<meta http-equiv="Content-Security-Policy" content="{POLICY}"><style>{css}</style>'
     title = f"<title>{escape(title_of(simap))} · SI Maps</title>"
     html = re.sub(r"<title>.*?</title>", lambda _: title, html, count=1, flags=re.DOTALL)
