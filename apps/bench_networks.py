@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import tyro
-from benchmarks.networks import bench_agreement, bench_chosen, bench_network
+from benchmarks.networks import bench_agreement, bench_chosen, bench_network, bench_turned
 
 from simaps_viz import open_sequence
 from simaps_viz.evaluation.run import open_for_evaluation
@@ -31,6 +31,9 @@ class BenchNetworks:
     chosen: bool = False
     """Only compare the PQ of maps of all masks with that of the frames that --segment-every chooses: the shared house,
     exact, with simulated errors and with the detector's masks, and the embedded café."""
+    turned: bool = False
+    """Only count what is found when the camera was held turned by 90, 180 and 270 degrees: in the sequences, and in the
+    embedded café."""
 
 
 def main(config: BenchNetworks) -> None:
@@ -42,6 +45,11 @@ def main(config: BenchNetworks) -> None:
         cases += [(open_for_evaluation("demo", None), errors) for errors in ("none", "light", "medium")]
         for sequence, errors in cases:
             sys.stdout.write(bench_chosen(sequence, errors) + "\n")
+            sys.stdout.flush()
+        return
+    if config.turned:
+        for sequence in (*map(open_sequence, config.sequences), open_for_evaluation("demo", None)):
+            sys.stdout.write(bench_turned(sequence, config.network, frames=config.frames) + "\n")
             sys.stdout.flush()
         return
     for path in config.sequences:

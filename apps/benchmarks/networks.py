@@ -17,6 +17,7 @@ from simaps_viz.datasets.source import FrameSource, OtherMasks
 from simaps_viz.evaluation.evaluate import masks_source
 from simaps_viz.evaluation.quality import score
 from simaps_viz.evaluation.truth import find_truth, truth_of
+from simaps_viz.geometry import turned, turned_pose
 from simaps_viz.segmentation.chosen_frames import AUTO, choose_frames
 from simaps_viz.segmentation.protocol import Network
 from simaps_viz.segmentation.recognise import NetworkSettings, open_network
@@ -72,6 +73,61 @@ class Every:
     def segmentation(self, index: int) -> Segmentation:
         """Read a frame's own masks."""
         return self._sequence.segmentation(self._indices[index])
+
+
+class Turned(Every):
+    """The same frames as a camera would have taken them that was held turned: pictures, cameras and poses."""
+
+    def __init__(self, sequence: PosedFrames, frames: int, turns: int) -> None:
+        """Turn every n-th frame by quarter turns counter-clockwise."""
+        super().__init__(sequence, frames)
+        self._turns = turns
+        self.poses = np.stack([turned_pose(pose, turns) for pose in self.poses])
+        self.intrinsics = self.intrinsics.turned(turns)
+
+    def color_file(self, index: int) -> Path | None:
+        """Return None: no file holds the turned picture."""
+        return None
+
+    def color(self, index: int) -> NDArray:
+        """Read a frame's colour image, and turn it."""
+        return turned(super().color(index), self._turns)
+
+    def read(self, index: int, *, color: bool = False) -> Frame:
+        """Read a frame, and turn it."""
+        frame = super().read(index, color=color)
+        picture = None if frame.color is None else turned(frame.color, self._turns)
+        depth_m = turned(frame.depth_m, self._turns)
+        return Frame(index, frame.name, depth_m, self.poses[index], self.intrinsics, picture)
+
+    def segmentation(self, index: int) -> Segmentation:
+        """Read a frame's own masks, and turn them."""
+        return super().segmentation(index).turned(self._turns)
+
+
+def bench_turned(sequence: PosedFrames, network_file: Path, *, frames: int = 40) -> str:
+    """Describe how many things a network finds when the camera was held turned by 90, 180 and 270 degrees.
+
+    Args:
+        sequence: posed frames; so many of them, evenly spread, are used.
+        network_file: an ONNX file.
+        frames: how many.
+    """
+    network, _ = open_network(network_file)
+    words = []
+    for turns in range(4):
+        some = Turned(sequence, frames, turns)
+        with tempfile.TemporaryDirectory() as scratch:
+            masks = _segment(some, network, Path(scratch))
+            seen = sum(
+                masks.is_thing[masks.labels.index(s.label)]
+                for i in range(len(some))
+                for s in masks.segmentation(i).segments
+            )
+            words.append(
+                f"{90 * turns} degrees: {seen} things in pictures, {len(build_map(masks).instances)} on the map"
+            )
+    return f"  {sequence.name}, {min(frames, len(sequence))} frames, the camera turned: {'; '.join(words)}"
 
 
 def bench_network(
