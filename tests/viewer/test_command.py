@@ -336,6 +336,53 @@ def test_the_plain_service_still_works_without_steps():
         assert mine(bench).pose.x_m == pytest.approx(1.5)
 
 
+def test_what_a_typed_command_would_mean_is_marked_and_nothing_runs():
+    asked, read = [], threading.Event()
+
+    def ask(simap, command, pose, robot):
+        asked.append((threading.current_thread().name, command))
+        assert command != "go to the second chair" or read.wait(60.0)
+        return answer(simap, command, pose, robot=robot)
+
+    with toy_workbench(replace(real_services(), ask=ask)) as bench, fake_page(bench):
+        page, panel = mine(bench), mine(bench).panels[CommandPanel]
+        assert page.wait_idle() and len(asked) == 1  # reading and planning are prepared
+        panel._typing._wait_s = 0.05
+
+        def types(text):
+            panel._text.value = text
+            panel._typed()
+            until(lambda: not panel._typing.waits)
+            assert page.wait_idle()
+
+        def marked():
+            return [one.text for one in page.scene._candidates._labels], panel.style(page.simap, Style()).lit
+
+        for text in ("g", "go to", "go to the third"):
+            panel._text.value = text
+            panel._typed()
+        types("go to the third chair")
+        assert asked[1:] == [("workbench-worker", "go to the third chair")]  # after a pause, and not where keys arrive
+        labels, lit = marked()
+        assert lit == {4} and labels[0].startswith("▶ 3 · chair 4") and len(labels) == 3
+        assert page.pose == TOY_POSE and not panel.driving and not panel._past and "Try an example" in shown(bench)
+        types("go to the third chai and")
+        assert marked() == ([], None)
+        types("go to the couch")
+        assert marked()[1] == {5}
+        types("")
+        assert marked() == ([], None)
+        types("go to the couch")
+        panel._drive.speed = 0.02
+        panel.ask("go to the second chair")
+        assert marked() == ([], None)  # at once, before the command is read
+        read.set()
+        until(lambda: panel.driving)
+        count = len(asked)
+        types("go to the third chair")
+        assert marked()[1] == {1} and len(asked) == count  # the robot is on its way to another
+
+
 def statuses(bench):
     return {past.command: past.status for past in mine(bench).panels[CommandPanel]._past}
 

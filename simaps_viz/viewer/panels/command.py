@@ -1,5 +1,6 @@
 """The panel that commands the robot: the command, its outcome, and the robot's trajectory."""
 
+import contextlib
 import functools
 import re
 import threading
@@ -44,7 +45,7 @@ from simaps_viz.navigation.trajectory import (
 )
 from simaps_viz.structures import Pose2, SIMap
 from simaps_viz.viewer.page.page import Page
-from simaps_viz.viewer.page.panel import Panel, button, button_row, by_person
+from simaps_viz.viewer.page.panel import Panel, Pause, button, button_row, by_person
 from simaps_viz.viewer.page.shared import Snapshot
 from simaps_viz.viewer.scene.camera import SLANT, Follower
 from simaps_viz.viewer.scene.map_scene import Style
@@ -331,6 +332,8 @@ def open_floor(simap: SIMap) -> Pose2:
 
 
 MAX_REMEMBERED = 50
+PREVIEW_S = 0.5
+"""A person who has typed nothing for so long sees what the command so far would mean."""
 OUTLINE_M = 0.014
 """Height of the lines around what the robot goes to, or an answer speaks of."""
 GOAL_M = 0.25
@@ -389,6 +392,9 @@ class CommandPanel(Panel):
         """The command of the history that has not ended yet."""
         self._marks, self._hidden = Marks(), False
         self._drawing = threading.Lock()
+        self._typing = Pause(PREVIEW_S, lambda: page.command_worker.submit("preview", self._preview))
+        self._previews = False
+        """Whether what is marked is what the typed command would mean."""
         self._waiting: threading.Event | None = None
         self._drive = TrajectoryPlayer(self._moved, self._arrived, lambda: self._show_phase("paused"), self._broke_down)
         self._phase: Phase = "idle"
@@ -462,10 +468,17 @@ class CommandPanel(Panel):
             others += [before] if before else []
             self._submit(program, at=self._asked_at, readings=tuple(others))
 
+    def built(self) -> None:
+        """Read and plan a command behind the page, which takes long the first time only."""
+        if self._services.ask is not None:
+            self._page.command_worker.submit("prepare", lambda: self._meant(examples(self._page.simap)[0]))
+
     def state(self) -> RobotState:
         """Stop the robot, or the wait for an answer, and return the state of the panel."""
         if self.driving or self._waiting is not None:
             self.stop()
+        if self._previews:
+            self._unmark()
         speed = float(self._speed.value)
         return RobotState(
             self._page.pose, self._start, tuple(self._past), self.texts, speed, self._marks, self._page.robot.height_m
@@ -525,6 +538,7 @@ class CommandPanel(Panel):
 
     def close(self) -> None:
         """End any drive, and any wait for an answer."""
+        self._typing.cancel()
         self._end()
 
     def _use(self) -> None:
@@ -554,6 +568,7 @@ class CommandPanel(Panel):
         """Queue a command; ``at`` puts the robot there first, ``readings`` are the other meanings of the command."""
         self._use()
         self._end()
+        self._clear()  # at once: what was meant before is not what this one means
         if at is None:
             self._remember(command)
         self._waiting = cancel = threading.Event()
@@ -621,22 +636,51 @@ class CommandPanel(Panel):
         if planned is None:
             self._conclude(answer)
             return
-        end = answer.final_pose
-        goal = (end.x_m - GOAL_M, end.y_m - GOAL_M, end.x_m + GOAL_M, end.y_m + GOAL_M)
-        goals = {number for one in answer.goals for number in (one.instance, one.other_instance) if number}
-        self._draw(Marks(labels=labels, blocked=(goal, *boxes_near(simap, labels))))
-        if answer.answer is None and goals:  # all else is dimmed until the robot has arrived
-            self._light(frozenset(goals))
-        if answer.answer is not None:
-            self._light(frozenset(answer.answer["instances"]))
-            if not answer.goals and answer.path_length_m == 0.0:  # nothing but a question
-                self._conclude(answer)
-                return
+        self._mark(simap, answer, labels)  # all else is dimmed until the robot has arrived
+        if answer.answer is not None and not answer.goals and answer.path_length_m == 0.0:  # nothing but a question
+            self._conclude(answer)
+            return
         self._trajectory = planned
         self._draw(replace(self._marks, path_m=answer.path_m))
         self._show_progress(0.0)
         self._show_phase("paused" if paused else "driving")
         self._drive.start(planned, paused=paused)
+
+    def _mark(self, simap: SIMap, answer: Answer, labels: Sequence[Label]) -> None:
+        """Outline and number what a command means, or an answer speaks of, and dim all else."""
+        end = answer.final_pose
+        goal = (end.x_m - GOAL_M, end.y_m - GOAL_M, end.x_m + GOAL_M, end.y_m + GOAL_M)
+        goals = {number for one in answer.goals for number in (one.instance, one.other_instance) if number}
+        self._draw(Marks(labels=labels, blocked=(goal, *boxes_near(simap, labels))))
+        self._light(frozenset(goals if answer.answer is None else answer.answer["instances"]))
+
+    def _meant(self, command: str) -> tuple[SIMap, Answer, Sequence[Label]] | None:
+        """Read and plan a command without running it; None where it cannot be carried out, or is not complete."""
+        simap = self._page.simap
+        with contextlib.suppress(SIMapsError):
+            assert self._services.ask is not None
+            answer = self._services.ask(simap, command, self._page.pose, robot=self._page.robot)
+            return simap, answer, self._explain(simap, answer)[0]
+        return None
+
+    def _preview(self) -> None:
+        """Outline and number what the typed command would mean."""
+        command = str(self._text.value)
+        if self._hidden or self.uses_model or self._phase != "idle":  # a model is asked only what is sent to it
+            return
+        meant = self._meant(command.strip()) if command.strip() else None
+        if self._phase != "idle" or command != str(self._text.value):
+            return  # it runs, or goes on, meanwhile
+        self._unmark()  # also what an earlier command meant
+        if meant is not None:
+            self._previews = True
+            self._mark(*meant)
+
+    def _unmark(self) -> None:
+        self._typing.cancel()
+        self._previews, self._marks = False, Marks()
+        self._light(frozenset())
+        self._draw(None)
 
     def _trajectory_for(self, answer: Answer) -> Trajectory:
         """Return the trajectory of an answer, with the lines of the program where its statements are known."""
@@ -739,9 +783,7 @@ class CommandPanel(Panel):
 
     def _clear(self) -> None:
         self._answer, self._line, self._trajectory, self._why, self._readings = None, 0, None, (), ()
-        self._marks = Marks()
-        self._light(frozenset())
-        self._draw(None)
+        self._unmark()
         self._show_program("")
         self._show_other_reading(None)
         self._show_exchanges(())
@@ -895,10 +937,15 @@ class CommandPanel(Panel):
             self.give(self._instead[number])
 
     def _typed(self) -> None:
-        command = entered(str(self._text.value))
+        text = str(self._text.value)
+        command = entered(text)
         if command is not None:
             self._text.value = command
             self._send(paused=False)
+        elif text.strip():
+            self._typing.begin()
+        elif self._phase == "idle":
+            self._unmark()
 
     def _pressed(self, name: str) -> None:
         if name == "Stop":
