@@ -1,7 +1,7 @@
 """Keys, the dark page and the colours of classes, in Debian's Chromium on the toy map."""
 
 import pytest
-from browser import borrowed, mine, open_workbench, toy_workbench, until, wait_for_color, watched_page
+from browser import borrowed, field_of, mine, open_workbench, toy_workbench, until, wait_for_color, watched_page
 from page_looks import CHAIR_1, select_chair_1
 from playwright.sync_api import expect
 from toy_maps import toy_map
@@ -113,6 +113,34 @@ def test_keys_typed_into_a_box_are_letters(bench, page):
         page, lambda: mine(bench).panels[CommandPanel].texts[0] == "to the table, L3T?"
     )  # a key would have come before
     assert page.evaluate("document.documentElement.dataset.mantineColorScheme") == "light"
+
+
+# Digit after digit in one go, so that no machine is too slow for the pause.
+TYPES = """(field, texts) => {
+  const set = Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, 'value').set;
+  field.focus();
+  for (const text of texts) {
+    set.call(field, text);
+    field.dispatchEvent(new InputEvent('input', { bubbles: true }));
+  }
+}"""
+
+
+def test_a_typed_number_counts_at_enter_or_after_a_pause_and_not_at_each_digit(bench, page):
+    panel, seen = mine(bench).panels[MapPanel], []
+    panel._k.on_update(lambda event: seen.append(event.target.value))
+    for texts, ends in ((["8", "80"], "Enter"), (["7", "70"], "pause"), (["6", "60"], "leaving")):
+        seen.clear()
+        field = field_of(page, "K (%)")
+        field.evaluate(TYPES, texts)
+        assert not seen
+        if ends == "Enter":
+            field.press("Enter")
+        elif ends == "leaving":
+            field.blur()
+        until(page, lambda: seen)
+        expect(field).to_have_value(texts[-1])
+        assert set(seen) == {float(texts[-1])} and mine(bench).cut.percent == seen[0]
 
 
 def test_the_help_lists_every_key_and_closes(page):

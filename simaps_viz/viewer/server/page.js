@@ -44,6 +44,29 @@
         if (one.getAttribute('aria-label') !== text) one.setAttribute('aria-label', text);
     }
   };
+  // A typed number counts at Enter, on leaving its field, or after a pause: who types 90 does not mean 9 first.
+  const TYPED_MS = 700;
+  let typed = null, counting = 0, counts = false;
+  const count = () => {
+    clearTimeout(counting);
+    const field = typed;
+    typed = null;
+    if (!field) return;
+    counts = true;
+    field.dispatchEvent(new InputEvent('input', { bubbles: true }));
+    counts = false;
+  };
+  window.addEventListener('input', (event) => {
+    if (counts || !event.target.matches('.mantine-NumberInput-input')) return;
+    event.stopImmediatePropagation();
+    if (typed !== event.target) count();
+    typed = event.target;
+    clearTimeout(counting);
+    counting = setTimeout(count, TYPED_MS);
+  }, true);
+  window.addEventListener('keydown', (event) => { if (['Enter', 'ArrowUp', 'ArrowDown'].includes(event.key)) count(); }, true);
+  window.addEventListener('focusout', count, true);
+
   const hush = () => {  // viser's remark on graphics without a card lies on the map until it is closed
     for (const one of document.querySelectorAll('.mantine-Notification-root:not([data-simaps])')) {
       if (!one.textContent.startsWith('Software WebGL')) continue;
