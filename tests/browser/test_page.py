@@ -254,6 +254,17 @@ def test_an_object_is_found_by_its_name_and_number(bench, page):
     other = next(one for one in bench.simap.instances if one.label != "chair")
     box.fill(f"{other.id}\n")
     until(page, lambda: session.selected == other.id)
+    box.fill("chair")
+    expect(page.get_by_text("chair: 3.")).to_be_visible()
+    chairs = [one.id for one in bench.simap.of_class("chair")]
+    for step, chosen in (("ArrowDown", chairs[0]), ("ArrowDown", chairs[1]), ("ArrowUp", chairs[0])):
+        box.press(step)
+        until(page, lambda chosen=chosen: session.selected == chosen)
+    page.get_by_role("button", name="Previous", exact=True).click()
+    until(page, lambda: session.selected == chairs[2])
+    expect(page.get_by_text("chair 4: 3 of 3.")).to_be_visible()
+    box.fill("")
+    expect(page.get_by_role("button", name="Previous", exact=True)).to_have_count(0)
 
 
 def test_ctrl_k_goes_to_an_object_and_to_a_setting_in_a_folder_that_is_closed(bench, page):

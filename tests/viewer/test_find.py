@@ -10,7 +10,7 @@ from toy_maps import toy_map
 
 from simaps_viz.drawing.legend import object_names
 from simaps_viz.viewer.panels.command import CommandPanel
-from simaps_viz.viewer.panels.instance import FindBox, NotFound, find
+from simaps_viz.viewer.panels.instance import FindBox, NotFound, matches
 
 SIMAP = toy_map()
 
@@ -24,25 +24,34 @@ SIMAP = toy_map()
         ("chairs 3", "chair", 2),
         ("chair 3 of 3", "chair", 2),
         ("table 8", "dining table", 2),
-        ("chair", "chair", 1),
     ],
 )
 def test_a_class_and_a_number_mean_that_one(typed, label, nth):
-    assert find(SIMAP, typed) == SIMAP.of_class(label)[nth - 1]
+    assert matches(SIMAP, typed) == (SIMAP.of_class(label)[nth - 1],)
 
 
 def test_every_name_of_the_list_and_every_number_is_found():
     for name, number in object_names(SIMAP).items():
-        assert find(SIMAP, name).id == find(SIMAP, str(number)).id == find(SIMAP, f"#{number}").id == number
+        for typed in (name, str(number), f"#{number}"):
+            assert [one.id for one in matches(SIMAP, typed)] == [number]
 
 
-def test_a_class_alone_means_the_next_one_and_begins_again_after_the_last():
-    ones = [one.id for one in SIMAP.of_class("chair")]
-    met, after = [], None
-    for _ in range(len(ones) + 1):
-        after = find(SIMAP, "chair", after=after).id
-        met.append(after)
-    assert met == [*ones, ones[0]]
+def test_a_class_alone_means_all_of_it_and_steps_go_round_both_ways():
+    page = FakePage()
+    FindBox(page)  # pyright: ignore[reportArgumentType]
+    one, two, three = (one.id for one in SIMAP.of_class("chair"))
+    assert "chair: 3." in page.type("chai") and page.steps.visible and page.went == []
+    assert f"chair {one}: 1 of 3." in page.type("chai\n")
+    assert f"chair {two}: 2 of 3." in page.type("chai\n")
+    for pressed in ("Next", "Next", "Previous", "Previous"):
+        page.press(pressed)
+    assert page.went == [one, two, three, one, three, two]
+    page.selected = 5  # by a click: steps begin anew
+    page.press("Previous")
+    assert page.went[-1] == three
+    assert "Enter: couch 5" in page.type("couch") and not page.steps.visible
+    assert "Key T" in page.type("couch\n") and page.went[-1] == 5
+    assert page.type("") == page.type("\n") and not page.status.visible and not page.steps.visible
 
 
 @pytest.mark.parametrize(
@@ -58,13 +67,13 @@ def test_a_class_alone_means_the_next_one_and_begins_again_after_the_last():
 )
 def test_what_means_nothing_is_said_in_words(typed, said):
     with pytest.raises(NotFound) as error:
-        find(SIMAP, typed)
+        matches(SIMAP, typed)
     assert str(error.value) == said
 
 
 def test_a_part_of_several_names_is_not_guessed_at():
     with pytest.raises(NotFound, match=r"^Several classes fit: "):
-        find(SIMAP, "c")
+        matches(SIMAP, "c")
 
 
 @given(st.text(max_size=40))
@@ -72,7 +81,8 @@ def test_a_part_of_several_names_is_not_guessed_at():
 @example(" # of 3")
 def test_whatever_is_typed_gives_an_object_or_words(typed):
     try:
-        assert find(SIMAP, typed) in SIMAP.instances
+        found = matches(SIMAP, typed)
+        assert found and set(found) <= set(SIMAP.instances)
     except NotFound as error:
         assert str(error)
 
@@ -88,8 +98,19 @@ class FakePage:
         self.worker = SimpleNamespace(submit=lambda name, job: job())
         self.box = SimpleNamespace(value="", on_update=lambda then: setattr(self, "typed", then))
         self.status = SimpleNamespace(content="", visible=False)
-        self.gui = SimpleNamespace(add_text=lambda *_, **__: self.box, add_html=lambda *_, **__: self.status)
-        self.go_to = lambda one: self.went.append(one.id)
+        self.steps = SimpleNamespace(visible=False, on_click=lambda then: setattr(self, "pressed", then))
+        self.gui = SimpleNamespace(
+            add_text=lambda *_, **__: self.box,
+            add_html=lambda *_, **__: self.status,
+            add_button_group=lambda *_, **__: self.steps,
+        )
+
+    def go_to(self, one):
+        self.selected = one.id
+        self.went.append(one.id)
+
+    def press(self, name):
+        self.pressed(SimpleNamespace(target=SimpleNamespace(value=name)))
 
     def type(self, text):
         self.box.value = text

@@ -4,7 +4,7 @@ import difflib
 import re
 from collections.abc import Callable, Mapping, Sequence
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,17 +19,15 @@ from simaps_viz.language.commands import read_command
 from simaps_viz.mapping.in_space import all_instances
 from simaps_viz.structures import Instance, SIMap
 from simaps_viz.viewer.page.page import Page
-from simaps_viz.viewer.page.panel import Panel, by_person
+from simaps_viz.viewer.page.panel import Panel, button_row, by_person
 from simaps_viz.viewer.panels.command import CommandPanel
-
-if TYPE_CHECKING:
-    from simaps_viz.embedding.search import Found
 
 FIND = "Find"
 FIND_HINT = (
     "A class, a name, or the number of an object, such as: chair, chair 18, 18; or what it is for or "
     "looks like, such as: somewhere to sit. Enter goes there, Enter again to the next. A command goes to the robot."
 )
+STEPS_HINT = "Go to the objects that fit, one after the other; the arrow keys in the box do the same."
 MAX_RANKS = 5
 """Objects that free words find."""
 _TYPED = re.compile(r"(?P<name>.*?)\s*#?(?P<number>\d{1,9})?(?:\s+of\s+\d+)?")
@@ -47,13 +45,12 @@ class NotFound(Exception):  # noqa: N818 - what was typed is not on the map
     """No object fits what was typed; the message explains why."""
 
 
-def find(simap: SIMap, typed: str, *, after: int | None = None) -> Instance:
-    """Return the object whose name a person typed.
+def matches(simap: SIMap, typed: str) -> tuple[Instance, ...]:
+    """Return the objects whose name a person typed, in the order of their numbers; at least one.
 
     Args:
         simap: the map.
         typed: a class, a name ("chair 18"), or the number alone, which no other object has.
-        after: id of the selected object; a class alone finds the next object of that class after it.
 
     Raises:
         NotFound: no object fits.
@@ -61,27 +58,16 @@ def find(simap: SIMap, typed: str, *, after: int | None = None) -> Instance:
     text = " ".join(typed.lower().split())
     match = _TYPED.fullmatch(text)
     name, digits = (match["name"].strip(), match["number"]) if match is not None else ("", None)
-    number = None if digits is None else int(digits)
-    if name:
-        return _of_class(simap, _class_of(simap, name), number, after)
-    if number is None:
+    if not name and digits is None:
         raise NotFound("Type a class or a number, such as: chair 18.")
-    everything = all_instances(simap)
-    one = next((one for one in everything if one.id == number), None)
-    if one is None:
-        raise NotFound(f"No object has number {number}. This map has {plural(len(everything), 'object')}.")
-    return one
-
-
-def _of_class(simap: SIMap, label: str, number: int | None, after: int | None) -> Instance:
-    """Return an object of a class by its number; without a number the next one after ``after``."""
-    ones = tuple(one for one in all_instances(simap) if one.label == label)
-    if number is None:
-        return next((one for one in ones if after is not None and one.id > after), ones[0])
-    found = next((one for one in ones if one.id == number), None)
-    if found is None:
-        raise NotFound(f"There is no {label} {number}. This map has {plural(len(ones), label)}.")
-    return found
+    label = _class_of(simap, name) if name else None
+    ones = tuple(one for one in all_instances(simap) if label in (None, one.label))
+    found = tuple(one for one in ones if digits is None or one.id == int(digits))
+    if found:
+        return found
+    if label is None:
+        raise NotFound(f"No object has number {digits}. This map has {plural(len(ones), 'object')}.")
+    raise NotFound(f"There is no {label} {digits}. This map has {plural(len(ones), label)}.")
 
 
 def _class_of(simap: SIMap, name: str) -> str:
@@ -113,7 +99,7 @@ def is_command(simap: SIMap, text: str) -> bool:
 
 
 class FindBox(Panel):
-    """A box that finds an instance by name, and a line that describes what Enter would do."""
+    """A box that finds instances by name, a line that says how many fit, and buttons that step through them."""
 
     def __init__(self, page: Page) -> None:
         """Fill the open container."""
@@ -122,20 +108,35 @@ class FindBox(Panel):
         self._box = gui.add_text(FIND, "", multiline=True, hint=FIND_HINT)
         by_person(self._box, self._typed)
         self._status = gui.add_html("", visible=False)
-        self._ranked: tuple[SIMap, str, tuple[Found, ...]] | None = None
-        self._rank = 0
+        steps = {"Previous": lambda: self._step(-1), "Next": lambda: self._step(1)}
+        self._steps = button_row(gui, "Found", steps, visible=False, hint=STEPS_HINT)
+        self._words = ""
+        """What was found."""
+        self._found: tuple[Instance, ...] = ()
+        self._scores: tuple[float, ...] = ()
+        """How well each fits free words."""
+
+    def map_changed(self, simap: SIMap) -> None:
+        """Forget what was found on another map."""
+        if self._found:
+            self._forget()
+
+    def told(self, event: Mapping[str, Any]) -> None:
+        """Step with the arrow keys."""
+        if event.get("type") == "find" and self._found:
+            self._step(-1 if event.get("step") == -1 else 1)
 
     def _typed(self) -> None:
         text = str(self._box.value)
         entered = "\n" in text
         if entered:
             self._box.value = text = " ".join(text.split())
-        if not text.strip():
-            self._report("")
-            return
+        if not text.strip() or text != self._words:
+            self._forget()
         simap = self._page.simap
         try:
-            one = find(simap, text, after=self._page.selected)
+            if text.strip() and not self._found:
+                self._list(text, matches(simap, text))
         except NotFound as error:
             why = str(error)  # free words: they are looked for on Enter, as a network may have to read them
             if self._page.services.ask is not None and is_command(simap, text):
@@ -149,30 +150,49 @@ class FindBox(Panel):
             else:
                 self._report(f"{why} Enter searches for what fits.")
             return
-        if entered:
-            self._page.go_to(one)
-            self._report("Key T shows the whole map again.")
-        else:
-            self._report(f"Enter: {one.name}")
+        if entered and self._found:
+            self._step(1)
 
     def _search(self, simap: SIMap, text: str, why: str) -> None:
-        """Go to the object that fits the words best, or on to the next one when they are entered again; list them."""
-        if self._ranked is None or self._ranked[:2] != (simap, text):
-            try:
-                self._ranked = simap, text, simap.search(text, MAX_RANKS)
-            except (CommandError, InputError) as error:
-                self._ranked = None
-                self._report(str(error) if simap.described else why)
-                return
-            self._rank = 0
-        else:
-            self._rank = (self._rank + 1) % len(self._ranked[2])
-        found = self._ranked[2]
-        self._page.go_to(found[self._rank].instance)
-        names = [f"{n}. {one.instance.name} ({one.score:.0%})" for n, one in enumerate(found, start=1)]
-        names[self._rank] += ", shown"
-        more = " Enter goes to the next." if len(found) > 1 else ""
-        self._report(f"{'; '.join(names)}.{more}")
+        """Find what fits free words, the best first, and go there."""
+        try:
+            ranked = simap.search(text, MAX_RANKS)
+        except (CommandError, InputError) as error:
+            self._report(str(error) if simap.described else why)
+            return
+        self._list(text, tuple(one.instance for one in ranked), tuple(one.score for one in ranked))
+        self._go_to(0)
+
+    def _list(self, text: str, found: tuple[Instance, ...], scores: tuple[float, ...] = ()) -> None:
+        self._words, self._found, self._scores = text, found, scores
+        self._steps.visible = len(found) > 1
+        hidden = len({one.id for one in found} & {one.id for one in self._page.simap.hidden})
+        below = f", {hidden} of them below other things" if hidden else ""
+        many = f"{found[0].label}: {len(found)}{below}. Enter goes from one to the next."
+        self._report(many if len(found) > 1 else f"Enter: {found[0].name}")
+
+    def _forget(self) -> None:
+        self._words, self._found, self._scores, self._steps.visible = "", (), (), False
+        self._report("")
+
+    def _step(self, by: int) -> None:
+        """Go to the object after the selected one, or before it; to the first, or the last, if none is selected."""
+        ids = [one.id for one in self._found]
+        if ids:
+            here = ids.index(self._page.selected) if self._page.selected in ids else min(-by, 0)
+            self._go_to((here + by) % len(ids))
+
+    def _go_to(self, at: int) -> None:
+        found, scores = self._found, self._scores
+        self._page.go_to(found[at])
+        said = f"{found[at].name}: {at + 1} of {len(found)}." if len(found) > 1 else ""
+        if scores:
+            names = [
+                f"{n}. {one.name} ({score:.0%})" for n, (one, score) in enumerate(zip(found, scores, strict=True), 1)
+            ]
+            names[at] += ", shown"
+            said = "; ".join(names) + "."
+        self._report(f"{said} Key T shows the whole map again.".strip())
 
     def _report(self, text: str) -> None:
         self._status.content = f'<div role="status" style="{BOX_STYLE};{DIM_STYLE}">{escape(text)}</div>'

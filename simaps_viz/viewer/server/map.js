@@ -355,6 +355,11 @@
   for (const kind of ['pointerdown', 'pointermove', 'pointerup', 'pointercancel']) window.addEventListener(kind, touch, true);
   const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
   const TAKES_ARROWS = 'input, textarea, select, [contenteditable], [role=slider], [role=tab], [role=option], [role=dialog]';
+  window.addEventListener('keydown', (event) => {  // to what was found next, or before
+    if (!(event.key in ARROWS) || !ARROWS[event.key][1] || !event.target.matches('textarea[aria-label=Find]')) return;
+    event.preventDefault();
+    tell({ type: 'find', step: ARROWS[event.key][1] });
+  }, true);
   document.body.addEventListener('keydown', (event) => {  // viser would turn the map, too, while a slider is moved
     if (ARROWS[event.key] && event.target.closest && event.target.closest(TAKES_ARROWS)) event.stopPropagation();
   });
