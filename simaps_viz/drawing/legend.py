@@ -89,8 +89,8 @@ def facts_html(simap: SIMap, instance: Instance) -> str:
     )
     return (
         f'<div style="{BOX_STYLE}">'
-        '<div style="font-size:1.15em;font-weight:600;overflow-wrap:anywhere">'
-        f"{CHIP_STYLE}{chip(color)}{short_html(instance.name)}</div>"
+        '<button class="simaps-selected" type="button" data-do="deselect" title="Select nothing (Esc)">'
+        f"{CHIP_STYLE}{chip(color)}<span>{short_html(instance.name)}</span> ✕</button>"
         f"<div>{escape(facts_text(simap, instance))}</div>"
         f'<table style="border-spacing:0;margin-top:.3em">{table}</table></div>'
     )

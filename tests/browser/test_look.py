@@ -94,6 +94,15 @@ FIRST_VIEWS = """() => {
 }"""
 
 
+def test_the_selection_is_a_chip_and_a_press_on_it_selects_nothing(bench, page):
+    select_chair_1(page, bench)
+    chip = page.locator(".simaps-selected")
+    expect(chip).to_contain_text("chair 1 ✕")
+    chip.click()
+    until(page, lambda: mine(bench).selected is None)
+    expect(chip).to_have_count(0)
+
+
 def test_the_map_does_not_jump_on_the_first_load(bench, browser):
     with watched_page(browser) as found:
         found.add_init_script(f"({FIRST_VIEWS})()")

@@ -242,7 +242,7 @@ def test_an_object_is_found_by_its_name_and_number(bench, page):
     page.keyboard.press("Enter")
     third = bench.simap.of_class("chair")[2]
     until(page, lambda: session.selected == third.id)
-    expect(page.locator("div:text-is('chair 4')")).to_be_visible()
+    expect(page.locator(".simaps-selected")).to_contain_text("chair 4")
     camera, middle = session.client.camera, pytest.approx(third.centroid_m[:2], abs=0.2)
     until(page, lambda: camera.position[2] < 0.8 * far and camera.look_at[:2] == middle)
     page.wait_for_timeout(PAUSE_MS)

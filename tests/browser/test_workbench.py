@@ -52,7 +52,7 @@ def click_map(bench, page, place):
 
 def object_title(page, name):
     """The heading of the instance panel, not the entry of the list that reads the same."""
-    return page.locator(f"div[style*='1.15em']:text-is('{name}')")
+    return page.locator(f".simaps-selected span:text-is('{name}')")
 
 
 def fill(page, label, value):

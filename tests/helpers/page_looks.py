@@ -95,4 +95,4 @@ def select_chair_1(page, bench):
     """Select an object and wait until the page has all that was told to it until then."""
     mine(bench).select(CHAIR_1)
     assert bench.wait_idle(PATIENCE_S)
-    expect(page.locator("div[style*='1.15em']:text-is('chair 1')")).to_be_visible()
+    expect(page.locator(".simaps-selected", has_text="chair 1")).to_be_visible()

@@ -98,6 +98,7 @@ class FakePage:
         self.worker = SimpleNamespace(submit=lambda name, job: job())
         self.box = SimpleNamespace(value="", on_update=lambda then: setattr(self, "typed", then))
         self.status = SimpleNamespace(content="", visible=False)
+        self.pressed = lambda event: None
         self.steps = SimpleNamespace(visible=False, on_click=lambda then: setattr(self, "pressed", then))
         self.gui = SimpleNamespace(
             add_text=lambda *_, **__: self.box,

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from html import escape
 from types import SimpleNamespace
 from typing import cast
 
@@ -13,7 +14,8 @@ from simaps_viz.drawing.legend import object_names
 from simaps_viz.mapping.explain import explain
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.page.page import Page
-from simaps_viz.viewer.panels.why import WhyPanel, joint_name, lines_legend
+from simaps_viz.viewer.panels.help import WORDS
+from simaps_viz.viewer.panels.why import WHY_WORDS, WhyPanel, joint_name, lines_legend, words_html
 from simaps_viz.viewer.scene.why_marks import Marks, link_label
 
 CHAIR_1 = 1
@@ -50,6 +52,14 @@ def test_scores_are_bars_against_the_threshold_and_steps_are_told_in_words():
     assert re.findall(r"auto -.2em ([\d.]+)%", html) == ["20.0", "20.0"]
     assert html.index("One object above K = 5 %") < html.index("weakest joint") < html.index("chair 3")
     assert joint_name(why, 1) == "Step 1: 32 and 32 cells, 25.0 %, weakest"
+
+
+def test_the_words_of_the_section_are_explained_those_of_the_method_alone():
+    known = dict(WORDS)
+    for method, word, others in (("paper", "K (%)", "Evidence (%)"), ("evidence", "Evidence (%)", "K (%)")):
+        html = words_html(replace(toy_map(), method=method))
+        assert all(f"<b>{one}</b>: {escape(known[one])}" in html for one in (*WHY_WORDS, word)) and others not in html
+    assert "Joint" not in words_html(replace(toy_map(), method="components"))
 
 
 def test_every_neighbour_has_a_button():

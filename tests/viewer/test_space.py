@@ -12,7 +12,7 @@ from toy_surfaces import PLANT, toy_with_surface
 from simaps_viz.drawing.surface import WALL_CUT_M
 from simaps_viz.drawing.texture import MapPicture, cell_colors, map_image, pixels_per_cell
 from simaps_viz.viewer.page.shared import png
-from simaps_viz.viewer.panels.instance import InstancePanel, find
+from simaps_viz.viewer.panels.instance import InstancePanel, matches
 from simaps_viz.viewer.panels.map import MapPanel
 from simaps_viz.viewer.scene.camera import SLANT, TOP
 from simaps_viz.viewer.workbench import Workbench
@@ -129,8 +129,9 @@ def test_a_click_from_above_lists_what_lies_there(session):
 
 def test_a_hidden_object_is_found_as_it_is_called():
     simap = toy_with_surface()
-    assert find(simap, f"potted plant {PLANT}").id == find(simap, str(PLANT)).id == PLANT
-    assert find(simap, "plants", after=find(simap, "potted plant 9").id).id == PLANT
+    for typed in (f"potted plant {PLANT}", str(PLANT)):
+        assert [one.id for one in matches(simap, typed)] == [PLANT]
+    assert [one.id for one in matches(simap, "plants")][-1] == PLANT
 
 
 def test_a_hidden_object_is_selected_by_name_with_its_box_round_it(session):

@@ -150,7 +150,7 @@ class FindBox(Panel):
             else:
                 self._report(f"{why} Enter searches for what fits.")
             return
-        if entered and self._found:
+        if entered:
             self._step(1)
 
     def _search(self, simap: SIMap, text: str, why: str) -> None:
@@ -168,18 +168,21 @@ class FindBox(Panel):
         self._steps.visible = len(found) > 1
         hidden = len({one.id for one in found} & {one.id for one in self._page.simap.hidden})
         below = f", {hidden} of them below other things" if hidden else ""
-        many = f"{found[0].label}: {len(found)}{below}. Enter goes from one to the next."
-        self._report(many if len(found) > 1 else f"Enter: {found[0].name}")
+        first, *others = found
+        many = f"{first.label}: {len(found)}{below}. Enter goes from one to the next."
+        self._report(many if others else f"Enter: {first.name}")
 
     def _forget(self) -> None:
-        self._words, self._found, self._scores, self._steps.visible = "", (), (), False
+        self._words, self._found, self._scores = "", (), ()
+        self._steps.visible = False
         self._report("")
 
     def _step(self, by: int) -> None:
         """Go to the object after the selected one, or before it; to the first, or the last, if none is selected."""
-        ids = [one.id for one in self._found]
+        ids, here = [one.id for one in self._found], min(-by, 0)
+        if self._page.selected in ids:
+            here = ids.index(self._page.selected)
         if ids:
-            here = ids.index(self._page.selected) if self._page.selected in ids else min(-by, 0)
             self._go_to((here + by) % len(ids))
 
     def _go_to(self, at: int) -> None:

@@ -454,9 +454,11 @@ class NamesPanel(Panel):
         self._show_state()
 
     def told(self, event: dict[str, Any]) -> None:
-        """Turn the view to the north, and back to the whole map."""
+        """Turn the view to the north, and back to the whole map; or select nothing."""
         if event.get("type") == "north":
             self._page.look(self._page.viewpoints.name)
+        elif event.get("type") == "deselect":
+            self._page.select(None)
 
     def _show_state(self) -> None:
         page, only, faded = self._page, None, ()

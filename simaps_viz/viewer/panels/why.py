@@ -31,6 +31,7 @@ from simaps_viz.mapping.methods import method_of
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel, by_person
+from simaps_viz.viewer.panels.help import WORDS
 from simaps_viz.viewer.panels.instance import FrameGallery, InstancePanel
 from simaps_viz.viewer.scene.camera import SLANT
 from simaps_viz.viewer.scene.map_scene import Style
@@ -122,6 +123,14 @@ def joint_name(why: Why, position: int) -> str:
     return f"Step {position}: {parts}, {score_text(why.method, joint.score)}{weakest}"
 
 
+def words_html(simap: SIMap) -> str:
+    """Explain the words that the section uses of a map of that method, folded up."""
+    slider = method_of(simap.method).slider
+    own = {"Mask", "Community"} if slider is None else {*WHY_WORDS, slider.title}
+    rows = "".join(f"<div><b>{escape(word)}</b>: {escape(means)}</div>" for word, means in WORDS if word in own)
+    return f'<details class="simaps-words" style="{SMALL_STYLE}"><summary>What the words mean</summary>{rows}</details>'
+
+
 def _stroke(color: Color) -> str:
     return (
         '<span style="display:inline-block;width:14px;height:4px;border-radius:2px;margin-right:5px;'
@@ -129,6 +138,7 @@ def _stroke(color: Color) -> str:
     )
 
 
+WHY_WORDS = ("Cell", "Mask", "Community", "Merge step", "Joint", "Sighting")
 ROWS = 6
 """Rows of the table of merge steps."""
 MAX_NEIGHBOURS = 8
@@ -156,6 +166,7 @@ class WhyPanel(Panel):
         gui = page.gui
         self._folder = gui.add_folder("Why is this one object?", visible=False)
         with self._folder:
+            self._words = gui.add_html("")
             self._add_drawing(gui)
             self._add_neighbours(gui)
             self._add_steps(gui)
@@ -257,6 +268,9 @@ class WhyPanel(Panel):
         self._step_text = gui.add_html("")
 
     def _fill(self, simap: SIMap, why: Why) -> None:
+        words = words_html(simap)
+        if self._words.content != words:  # sent again, it would be folded up
+            self._words.content = words
         self._lines_legend.content = lines_legend(simap, why)
         self._color_legend.content = sureness_legend(why)
         self._color_legend.visible = bool(self._color.value)

@@ -301,6 +301,7 @@
   window.addEventListener('click', (event) => {
     const entry = entryOf(event);
     if (entry) tell({ type: 'class', name: entry.dataset.class, do: entry.dataset.do });
+    if (event.target.closest && event.target.closest('.simaps-selected')) tell({ type: 'deselect' });
   }, true);
   let more = window.innerHeight >= 1000;  // whether all classes are listed; a new legend is folded up
   window.addEventListener('toggle', (event) => {
