@@ -1,6 +1,8 @@
 """Settings and fixtures of all tests."""
 
 import gc
+import subprocess
+import sys
 from contextlib import ExitStack
 from itertools import chain, zip_longest
 from pathlib import Path
@@ -20,6 +22,15 @@ settings.load_profile("same examples")
 SLOW_FOLDERS = {"docs", "process"}
 BEGUN_FIRST = ("process", "docs", "live", "viewer")
 """The folders whose files take long: begun last, one of them would keep one worker busy and leave the others idle."""
+
+
+@pytest.hookimpl(tryfirst=True)  # before workers are started
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Compile the kernels once, in a fresh checkout, before several workers and their processes each do it."""
+    tests = Path(__file__).parent
+    starts_workers = getattr(session.config.option, "numprocesses", None) and not hasattr(session.config, "workerinput")
+    if starts_workers and not any((tests.parent / "simaps_viz").rglob("*.nbi")):
+        subprocess.run([sys.executable, tests / "helpers" / "compile_kernels.py"], check=True)
 
 
 @pytest.hookimpl(tryfirst=True)  # before `-m` chooses
