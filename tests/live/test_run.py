@@ -15,7 +15,7 @@ from simaps_viz.app.live import run_source, source_workbench
 from simaps_viz.build.pipeline import BuildConfig, build_map
 from simaps_viz.cli.main import main
 from simaps_viz.errors import InputError
-from simaps_viz.live.run import GrowingMap, LiveRequest, LiveRun
+from simaps_viz.live.run import GrowingMap, LiveRequest, LiveRun, warm_up
 from simaps_viz.live.source import Correction, PlayedSequence, Shot, Traffic, times_of
 from simaps_viz.mapping.file import load_map
 
@@ -218,3 +218,11 @@ def test_the_command(tiny, tmp_path, capsys):
     assert main(["live", "nobody://robot", "-o", str(output)]) == 2
     for method in ("paper", "vlmaps"):
         assert main(["live", str(tiny.path), "-o", str(output), "--method", method]) == 2
+
+
+def test_what_is_compiled_beforehand_votes_and_looks_below_tops():
+    """Else it would be compiled, for most of a minute, while the first frames wait."""
+    config = BuildConfig()
+    simap = warm_up(config)
+    assert simap.provenance["disagreement"] >= config.votes.exact_below
+    assert simap.surface is not None and "cup" in {one.label for one in (*simap.instances, *simap.hidden)}
