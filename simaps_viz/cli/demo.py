@@ -34,10 +34,12 @@ class Demo:
 
     def run(self) -> int:
         """Serve the shipped map at once where there is one; else render the place and build its map first."""
+        from simaps_viz.console.terminal import note
+
+        note(f"Preparing the {self.place}: frames, map and page; a few minutes the first time, then seconds.")
         from simaps_viz.app import demo, workbench
         from simaps_viz.build.pipeline import cache_folder
         from simaps_viz.console.progress import stage_progress
-        from simaps_viz.console.terminal import note
         from simaps_viz.datasets.open import open_sequence
         from simaps_viz.mapping.mending import open_mending
         from simaps_viz.scenes.demo import ensure_demo

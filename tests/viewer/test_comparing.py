@@ -100,6 +100,7 @@ def test_differences_are_shown_before_the_frames_are_read_for_the_scores_in_spac
 
     def scores(simap, tell):
         tell("finding the true objects in space", 1, 2)
+        assert not panel._progress.visible  # it was at its end once, and does not begin anew
         seen.append((panel.active, str(panel._headline.content), str(panel._status.content)))
         return score_space(space_points(simap), simap.grid.labels, truth_of_map(simap))
 

@@ -570,7 +570,8 @@ class ComparePanel(Panel):
         def report(what: str, done: int, total: int) -> None:
             if cancel.is_set():
                 raise Cancelled
-            self._progress.value = 100.0 * done / max(total, 1)
+            if self._progress.visible:  # no longer once the comparison is there, of which the bar told
+                self._progress.value = 100.0 * done / max(total, 1)
             self._status.content = working_note(what, done, total)
 
         try:
@@ -596,13 +597,12 @@ class ComparePanel(Panel):
 
     def _add_scores(self, maps: TwoMaps, judged: SIMap, report: Progress) -> None:
         """Add the scores in space, for which all frames are read, to a comparison that is shown already."""
-        self._progress.visible = True
         scores = self._maker.scores_in_space(judged, report)
         with self._lock:
             if self.maps is maps:
                 self.maps = replace(maps, space=scores)
                 self._headline.content = headline_html(self.maps)
-                self._progress.visible, self._status.content = False, ""
+                self._status.content = ""
 
     def _compared(self, left: Named, right: Named) -> tuple[TwoMaps, SIMap | None]:
         """Compare two maps; returns also the one that is judged by the other, if that is the truth."""

@@ -82,21 +82,30 @@
     if (anew && (tab || told.dataset.focus)) turned = told.dataset.turn;
     if (!tab || told.dataset.focus) return;
     const from = told.dataset.from && titled(told.dataset.from);
-    if (!isOpen(tab) && (!from || isOpen(from))) press(tab);
+    if (isOpen(tab) || (from && !isOpen(from))) return;
+    press(tab);
+    tab.scrollIntoView({ block: 'nearest' });
   };
   const sheet = () => {  // on a phone the map ends where the panels begin
     const panels = document.querySelector('[style*="max-height: 60%"]');
     document.documentElement.style.setProperty('--simaps-sheet', `${panels ? panels.offsetHeight : 0}px`);
   };
+  const SAYS = { 'Recorded build': 'How this map came about, frame by frame, as it was recorded: camera, masks, the map as it grew' };
   const fitTabs = () => {  // where the words of all tabs do not fit in one row, the last ones are icons with a tooltip
     for (const row of document.querySelectorAll('[data-dock-strip], .mantine-Tabs-list')) {
       const all = [...row.querySelectorAll(':scope > [role=tab]')], words = all.map(titleOf).join(), wide = row.clientWidth;
       if (!wide || row.dataset.fits === `${words} ${wide}`) continue;
-      for (const one of all) { delete one.dataset.bare; one.title = titleOf(one); }
+      for (const one of all) { delete one.dataset.bare; one.title = SAYS[titleOf(one)] || titleOf(one); }
       const ends = () => all[all.length - 1].getBoundingClientRect().right - row.getBoundingClientRect().left + row.scrollLeft;
       for (let i = all.length - 1; i > 0 && ends() > wide + 1; i--) all[i].dataset.bare = '';
       row.dataset.fits = `${words} ${wide}`;
     }
+  };
+  let changeSeen = null;
+  const showChange = () => {  // what a slider changed is said below it, where it may be out of sight
+    const said = document.querySelector('.simaps-change');
+    if (said && said !== changeSeen) said.scrollIntoView({ block: 'nearest' });
+    changeSeen = said;
   };
   const placeHints = () => {  // beside the panels: below its control a hint would cover the next one
     const left = Math.max(...[...document.querySelectorAll('[data-dock-strip]')].map((one) => one.getBoundingClientRect().left));
@@ -108,7 +117,7 @@
   const soon = () => {
     if (!waiting) waiting = setTimeout(() => {
       waiting = 0;
-      nameControls(); reopen(); turnTo(); hush(); sheet(); fitTabs(); placeHints();
+      nameControls(); reopen(); turnTo(); hush(); sheet(); fitTabs(); showChange(); placeHints();
     }, 100);
   };
   window.addEventListener('resize', soon);
