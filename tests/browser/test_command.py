@@ -1,5 +1,7 @@
 """The Command tab as a person meets it: Debian's Chromium on a workbench with a real robot on the toy map."""
 
+import re
+
 import pytest
 from browser import (
     PATIENCE_S,
@@ -83,8 +85,9 @@ def test_a_command_is_explained_numbered_marked_and_driven(bench, page):
     say(mine(bench), page, "go to the third chair from here")
     expect(page.get_by_text("On the way")).to_be_visible()
     expect(page.locator(MARKED)).to_contain_text('robot.move_to_nth_closest("chair", 3)')
-    page.wait_for_function("() => '/candidates/2' in window.__viserMutable.nodeRefFromName")
-    numbers = {label.text.split(" · ")[0]: label for label in mine(bench).scene._candidates._labels}
+    expect(page.locator(".simaps-other:visible")).to_have_count(2)
+    numbers = {one.text.split(" · ")[0]: one for one in mine(bench).scene.texts["command"] if one.text}
+    assert {one.text for one in numbers.values()} == {*page.locator(".simaps-text:visible").all_inner_texts()}
     chosen = (
         answer(mine(bench).simap, "go to the third chair from here", mine(bench).panels[CommandPanel]._asked_at)
         .goals[0]
@@ -103,7 +106,9 @@ def test_a_command_is_explained_numbered_marked_and_driven(bench, page):
     assert (mine(bench).pose.x_m, mine(bench).pose.y_m) == pytest.approx((said.final_pose.x_m, said.final_pose.y_m))
     expect(page.locator(MARKED)).to_have_count(0)
     wait_for_color(bench, page, place, instance_color(rest))
-    assert mine(bench).scene._candidates._labels  # the target stays numbered, and outlined, until nothing is selected
+    expect(page.locator(".simaps-meant:visible")).to_have_text(
+        re.compile("^▶ 3 · chair 4")
+    )  # the target stays numbered, and outlined, until nothing is selected
     page.wait_for_function("() => window.__viserMutable.nodeRefFromName['/target']")
     page.keyboard.press("Escape")
     page.wait_for_function("() => !window.__viserMutable.nodeRefFromName['/target']")

@@ -23,7 +23,9 @@ from browser import (
 from playwright.sync_api import expect
 from toy_maps import TOY_POSE, toy_map
 
+from simaps_viz.drawing.texture import MapPicture
 from simaps_viz.viewer.panels.map import MapPanel
+from simaps_viz.viewer.scene.annotations import Label, label_of
 from simaps_viz.viewer.scene.camera import SLANT
 from simaps_viz.viewer.workbench import Workbench
 
@@ -115,6 +117,64 @@ def test_names_come_with_the_zoom_large_objects_first_and_never_cover_one_anothe
     session.select(None)
     expect(page.locator(".simaps-chosen:visible")).to_have_count(0)
     until(page, lambda: "chair 1" in names(page))  # with the others, as why it is one is no longer drawn
+
+
+TEXTS = """() => [...document.querySelectorAll('.simaps-text')].filter((one) => one.checkVisibility())
+  .map((one) => ({ text: one.textContent, ...one.getBoundingClientRect().toJSON() }))"""
+
+
+def apart(a, b):
+    """Whether two boxes of the page have nothing in common."""
+    beside = a["right"] <= b["left"] + 0.5 or b["right"] <= a["left"] + 0.5
+    return beside or a["bottom"] <= b["top"] + 0.5 or b["bottom"] <= a["top"] + 0.5
+
+
+def test_texts_stand_beside_what_they_name_cover_nothing_of_it_and_follow_zoom_and_view(bench, page):
+    session, simap = mine(bench), bench.simap
+
+    def written(count):
+        found = []
+        until(page, lambda: found.append(page.evaluate(TEXTS)) or len(found[-1]) == count)
+        assert all(apart(a, b) for a, b in combinations(found[-1], 2))
+        return {one["text"]: one for one in found[-1]}
+
+    def seen(one):
+        """What an object covers of the page."""
+        (x0, y0, _), (x1, y1, _) = one.aabb_m
+        (left, bottom), (right, top) = (place_on(page, simap, *at) for at in ((x0, y0), (x1, y1)))
+        return {"left": left, "right": right, "top": top, "bottom": bottom}
+
+    chairs = simap.of_class("chair")
+    session.scene.show_candidates([label_of(f"{n} · {one.name}", one) for n, one in enumerate(chairs, 1)])
+    for text, box in written(3).items():
+        assert all(apart(box, seen(one)) for one in chairs)
+        thing, wide = seen(chairs[int(text[0]) - 1]), box["width"] / 2 + 60
+        assert thing["left"] - wide < box["left"] + box["width"] / 2 < thing["right"] + wide
+    for one in map(seen, chairs):  # which are outlined
+        until(page, lambda one=one: drawn(page, (one["left"], (one["top"] + one["bottom"]) / 2)))
+    assert not page.locator(".simaps-name:visible").all()  # the names of objects wait
+    x, y, _ = chairs[0].centroid_m
+    east = Label("east", x, y, 0.2, 0.2, away_x=1.0)
+    session.scene.show_candidates([east])
+    assert written(1)["east"]["left"] > place_on(page, simap, x + 0.2, y)[0]
+    crowd = [Label(f"{i} · 10.5 m", 1.0 + 0.02 * i, 0.5, 0.01, 0.01) for i in range(60)]
+    session.scene.show_candidates(crowd)
+    until(page, lambda: "0 · 10.5 m" in [one["text"] for one in page.evaluate(TEXTS)])
+    few = len(page.evaluate(TEXTS))
+    session.look_at((0.9, 0.3, 2.3, 0.7))
+    until(page, lambda: len(page.evaluate(TEXTS)) > few)  # closer up there is room for more
+    session.scene.show_candidates(())
+    session.select(chairs[0].id)
+    session.look(SLANT)
+    settled(bench, page, lambda camera: not upright(camera))
+    name = page.locator(".simaps-chosen:visible")
+    expect(name).to_have_text(chairs[0].name)  # above it, also where it stands
+    top = chairs[0].aabb_m[1][2]
+    until(page, lambda: name.bounding_box()["y"] < on_canvas(bench, page, x, y, z_m=top)[1])
+    session.show_picture(MapPicture(simap.spec, np.full((4, 4, 4), 200, np.uint8)))
+    expect(page.locator(".simaps-text:visible")).to_have_count(0)
+    session.show_picture(None)
+    expect(name).to_have_count(1)
 
 
 def settled(bench, page, changed):

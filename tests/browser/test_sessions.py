@@ -123,7 +123,7 @@ def test_a_reload_loses_nothing(browser, bench, alone):
     until(page, lambda: len(session.simap.instances) == 9)
     wait_for_color(bench, page, EAST_HALF_OF_CHAIR_1, color_of(session.simap, EAST_HALF_OF_CHAIR_1))
     page.mouse.click(*on_canvas(bench, page, *EAST_HALF_OF_CHAIR_1))
-    expect(page.locator("div:text-is('chair 2')")).to_be_visible()
+    expect(page.locator(".simaps-selected", has_text="chair 2")).to_be_visible()
     tab(page, "Map")
     page.get_by_label("Colours").click()
     page.get_by_role("option", name="class").click()
@@ -143,7 +143,7 @@ def test_a_reload_loses_nothing(browser, bench, alone):
     new = loaded_again(page, bench)
     until(page, lambda: new.selected == 2)
     tab(page, "Instance")
-    expect(page.locator("div:text-is('chair 2')")).to_be_visible()
+    expect(page.locator(".simaps-selected", has_text="chair 2")).to_be_visible()
     tab(page, "Map")
     expect(field_of(page, "K (%)")).to_have_value("30")
     until(page, lambda: np.allclose(new.client.camera.position, camera, atol=0.05))
@@ -169,13 +169,13 @@ def test_two_people_select_cut_and_command_at_once(bench, pages):
     couch = bench.simap.of_class("couch")[0]
     chair, place = bench.simap.by_id(CHAIR_3).centroid_m[:2], couch.centroid_m[:2]
     page.mouse.click(*on_canvas(bench, page, *chair, session=one))
-    expect(page.locator("div:text-is('chair 3')")).to_be_visible()
+    expect(page.locator(".simaps-selected", has_text="chair 3")).to_be_visible()
     tab(page, "Map")
     fill(other, "K (%)", "30")
     expect(other.get_by_text("· 9 instances")).to_be_visible()
     wait_for_color(bench, other, EAST_HALF_OF_CHAIR_1, color_of(two.simap, EAST_HALF_OF_CHAIR_1), session=two)
     expect(page.get_by_text("· 7 instances")).to_be_visible()
-    expect(other.locator("div:text-is('chair 3')")).to_have_count(0)
+    expect(other.locator(".simaps-selected", has_text="chair 3")).to_have_count(0)
     wait_for_color(
         bench, page, place, color_of(bench.simap, place, lit={CHAIR_3}), session=one
     )  # dimmed here, in full colour there
@@ -214,7 +214,7 @@ def test_the_other_page_lives_on_when_one_is_killed(browser, bench, pages):
     until(page, lambda: len(bench.sessions) == 2)
     page.mouse.click(*on_canvas(bench, page, *bench.simap.by_id(CHAIR_3).centroid_m[:2], session=one))
     until(page, lambda: one.selected == CHAIR_3)
-    expect(page.locator("div:text-is('chair 3')")).to_be_visible()
+    expect(page.locator(".simaps-selected", has_text="chair 3")).to_be_visible()
     context.close()
 
 

@@ -356,7 +356,7 @@ def test_what_a_typed_command_would_mean_is_marked_and_nothing_runs():
             assert page.wait_idle()
 
         def marked():
-            return [one.text for one in page.scene._candidates._labels], panel.style(page.simap, Style()).lit
+            return [one.text for one in page.scene.texts["command"] if one.text], panel.style(page.simap, Style()).lit
 
         for text in ("g", "go to", "go to the third"):
             panel._text.value = text
@@ -413,7 +413,7 @@ def test_the_history_ticks_only_rides_that_arrived():
 
 def drawn(session):
     scene = session.scene
-    return session.client.scene.get_handle_by_name("/path") is not None, [one.text for one in scene._candidates._labels]
+    return session.client.scene.get_handle_by_name("/path") is not None, [one.text for one in scene.texts["command"]]
 
 
 def test_path_and_labels_outlive_a_reload_and_leave_maps_of_the_past():

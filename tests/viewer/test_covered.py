@@ -9,13 +9,13 @@ from browser import free_port, toy_workbench
 from fake_page import fake_page
 from toy_maps import toy_map
 
-from simaps_viz.drawing.label_layout import Label
 from simaps_viz.drawing.texture import MapPicture
 from simaps_viz.drawing.theme import DARK
 from simaps_viz.mapping.explain import explain
 from simaps_viz.viewer.panels.why import WhyPanel
 from simaps_viz.viewer.scene import map_scene as scene_module
 from simaps_viz.viewer.scene import why_marks
+from simaps_viz.viewer.scene.annotations import Texts
 from simaps_viz.viewer.scene.camera import SLANT, TOP
 from simaps_viz.viewer.scene.map_scene import MapScene
 from simaps_viz.viewer.scene.why_marks import Marks, WhyMarks
@@ -24,9 +24,9 @@ CHAIR_1, TABLE = 1, 6
 PATIENCE_S = 60.0
 LOOKS_S = 0.2
 """So long a thread that may go on is given to do so, where it is not to."""
-OWN = ("/robot", "/selection", "/why/cut", "/why/links", "/why/number/0", "/camera")
+OWN = ("/robot", "/selection", "/why/cut", "/why/links", "/camera")
 """Marks on a map of any time; those of a command are on the finished map alone."""
-OF_A_COMMAND = ("/path", "/candidates/0")
+OF_A_COMMAND = ("/path", "/target")
 
 
 def shown(session, name: str) -> bool:
@@ -95,7 +95,7 @@ def test_blocks_that_a_picture_overtakes_are_not_built(session, monkeypatch):
 def test_all_marks_are_hidden_whatever_draws_them_anew_and_come_back(session):
     scene = session.scene
     scene.show_path(np.array([[0.0, 0.0], [1.0, 0.5]]))
-    scene.show_candidates([Label("chair", 1.0, 1.0)])
+    scene.show_target(np.array([[[0.0, 0.0, 0.0], [1.0, 0.5, 0.0]]]))
     assert session.wait_idle() and all(shown(session, name) for name in OF_A_COMMAND)
     cover(session, True)
     scene.show_path(np.array([[0.0, 0.0], [2.0, 0.5]]))
@@ -107,10 +107,10 @@ def test_all_marks_are_hidden_whatever_draws_them_anew_and_come_back(session):
     assert session.wait_idle() and all(shown(session, name) for name in OWN)
     cover(session, True)
     assert not any(shown(session, name) for name in OWN)
-    scene._candidates.place()  # as after a zoom
-    session.panels[WhyPanel]._marks._labels.place()
+    scene._zoomed()
+    session.panels[WhyPanel]._marks._draw_lines()  # as after a zoom
     scene.show_path(np.array([[0.0, 0.0], [2.0, 0.5]]))
-    scene.show_candidates([Label("table", 1.0, 1.0), Label("chair", 2.0, 1.0)])
+    scene.show_target(np.array([[[0.0, 0.0, 0.0], [2.0, 0.5, 0.0]]]))
     session.show_frame(2)
     session.set_theme(DARK)
     session.select(CHAIR_1)
@@ -165,9 +165,9 @@ class OneAtATime:
 
 def test_a_zoom_waits_until_an_explanation_is_drawn(server, monkeypatch):
     simap = toy_map()
-    marks = WhyMarks(server)
+    marks = WhyMarks(server, Texts(server))
     marks.draw(Marks(simap, explain(simap, TABLE)))
-    draw = OneAtATime(marks._labels.place)
+    draw = OneAtATime(marks._draw_lines)
     monkeypatch.setattr(why_marks, "draw_lines", draw)
     marks.draw(Marks(simap, explain(simap, CHAIR_1)))
     assert draw.end()
@@ -177,7 +177,7 @@ def test_a_zoom_waits_until_an_explanation_is_drawn(server, monkeypatch):
 def test_a_zoom_waits_until_an_outline_is_drawn(server, monkeypatch, change):
     scene = MapScene(server, toy_map())
     scene.outline(toy_map(), TABLE)
-    draw = OneAtATime(scene._candidates.place)
+    draw = OneAtATime(scene._zoomed)
     monkeypatch.setattr(scene_module, "draw_lines", draw)
     if change == "outline":
         scene.outline(toy_map(), CHAIR_1)

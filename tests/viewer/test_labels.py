@@ -1,7 +1,10 @@
-"""Texts and marks on the map: they cover neither one another nor what they name, and follow the zoom."""
+"""Texts and marks on the map, and lines that follow the zoom; where texts go, the browser decides."""
 
+import json
+import re
 import threading
 from dataclasses import replace
+from html import unescape
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -9,17 +12,16 @@ import numpy as np
 import pytest
 import viser
 from browser import free_port
-from hypothesis import given
-from hypothesis import strategies as st
 from toy_maps import toy_map
 
-from simaps_viz.drawing.label_layout import LINE_PX, Label, spread, text_size
 from simaps_viz.mapping.explain import between, explain
+from simaps_viz.structures import Room
 from simaps_viz.viewer.scene.annotations import (
     FINE_FROM_PX,
     FULL_FROM_PX,
     MIN_LINE_SHARE,
-    LabelLayer,
+    Label,
+    Texts,
     Zoom,
     line_share,
     seen_metres_per_px,
@@ -28,58 +30,6 @@ from simaps_viz.viewer.scene.map_scene import OUTLINE_PX, MapScene
 from simaps_viz.viewer.scene.why_marks import MAX_NUMBERS, NODES, Marks, WhyMarks, link_label
 
 CHAIR_1, CHAIR_3, TABLE = 1, 3, 6
-METRES_PER_PX = 0.01
-size = st.floats(0.0, 1.0)
-label = st.builds(Label, st.text("123 ·m.", min_size=1, max_size=9), st.floats(0, 4), st.floats(0, 4), size, size)
-
-
-def boxes(labels, places):
-    """What each placed text covers."""
-    for one, place in zip(labels, places, strict=True):
-        if place is not None:
-            width, height = text_size(one.text, METRES_PER_PX)
-            x, y = place
-            yield x - width / 2, y - height / 2, x + width / 2, y + height / 2
-
-
-def overlap(a, b):
-    return min(a[2], b[2]) - max(a[0], b[0]) > 1e-9 and min(a[3], b[3]) - max(a[1], b[1]) > 1e-9
-
-
-@given(st.lists(label, max_size=10))
-def test_no_text_covers_another_and_the_first_has_a_place(labels):
-    placed = list(boxes(labels, spread(labels, METRES_PER_PX)))
-    assert not any(overlap(a, b) for i, a in enumerate(placed) for b in placed[:i])
-    assert bool(placed) == bool(labels)
-    assert not labels or spread(labels, METRES_PER_PX)[0] is not None
-
-
-def test_a_text_stands_beside_its_thing_on_the_side_it_should():
-    thing = Label("chair 6", 2.0, 3.0, 0.25, 0.25)
-    height = LINE_PX * METRES_PER_PX
-    (place,) = spread([thing], METRES_PER_PX)
-    assert place is not None and place[0] == 2.0 and place[1] - height / 2 > 3.25
-    (place,) = spread([thing._replace(away_x=-1.0)], METRES_PER_PX)
-    width, _ = text_size("chair 6", METRES_PER_PX)
-    assert place is not None and place[1] == 3.0 and place[0] + width / 2 < 1.75
-    (place,) = spread([thing], METRES_PER_PX, blocked=[(0.0, 3.3, 4.0, 3.4)])
-    assert place is not None and place[1] == 3.0, "above is blocked: to the east"
-    (place,) = spread([Label("stop", 1.0, 1.0)], METRES_PER_PX)
-    assert place == (1.0, 1.0)
-
-
-def test_a_text_is_on_the_map_and_beside_the_name_that_stands_above_its_thing():
-    thing = Label("chair 6", 2.0, 3.0, 0.25, 0.25)
-    (place,) = spread([thing], METRES_PER_PX, within=(1.5, 2.0, 9.0, 3.26))
-    assert place is not None and place[1] == 3.0 and place[0] > 2.25, "nothing is seen above: to the east"
-    (place,) = spread([thing], METRES_PER_PX, named=thing)
-    assert place is not None and place[1] == 3.0
-
-
-def test_closer_up_the_same_texts_have_room():
-    labels = [Label("12 · 10.5 m", 0.1 * i, 0.0, 0.04, 0.04) for i in range(30)]
-    far, near = (sum(p is not None for p in spread(labels, m)) for m in (0.02, 0.0005))
-    assert far < 30 and near == 30
 
 
 def test_small_things_get_thin_lines():
@@ -152,17 +102,23 @@ def node(server, name) -> Any:
     return server.scene.get_handle_by_name(name)
 
 
-def test_texts_move_when_the_page_zooms(server):
-    far, told = [4.0], []
-    layer = LabelLayer(server, "/texts", assumed_m=lambda: far[0], zoomed=told.append)
-    layer.show([Label("a", 1.0, 1.0, 0.2, 0.2), Label("a long text", 1.0, 1.0, 0.2, 0.2)])
-    first = [tuple(node(server, f"/texts/{i}").position) for i in range(2)]
-    far[0] = 2.0
-    layer.place()
-    second = [tuple(node(server, f"/texts/{i}").position) for i in range(2)]
-    assert first[0][1] > second[0][1] > 1.2 and first[1] != second[1] and told == [pytest.approx(2.0 / 560)]
-    layer.show([])
-    assert node(server, "/texts/0") is None
+def test_texts_are_told_the_most_important_first_and_as_text(server):
+    scene, simap = MapScene(server, toy_map()), toy_map()
+
+    def told():
+        found = re.search(r'data-texts="([^"]*)"', scene.texts._html.content)
+        return [] if found is None else [row[:4] for row in json.loads(unescape(found[1]))]
+
+    scene.show_rooms([Room(1, "<b>", "", (), 4.0, ((0, 0), (2, 0), (2, 2), (0, 2)), (1.0, 1.0), (), ())])
+    scene.show_candidates([Label("1", 1.0, 2.0)])
+    scene.outline(simap, CHAIR_1)
+    x, y, _ = np.mean(simap.by_id(CHAIR_1).aabb_m, axis=0)
+    rows = [["selection", "chair 1", pytest.approx(x), pytest.approx(y)], ["command", "1", 1.0, 2.0]]
+    assert told() == [*rows, ["command", "", 0.0, 0.0], ["rooms", "<b>", 1.0, 1.0]]  # nothing stands on the robot
+    scene.outline(simap, None)
+    scene.show_candidates(())
+    scene.show_rooms(())
+    assert told() == []
 
 
 def test_the_camera_of_a_frame_is_one_node_that_moves(server):
@@ -196,7 +152,7 @@ def test_the_outline_is_thin_where_the_object_is_small(server, monkeypatch):
     scene = MapScene(server, toy_map())
     scene.outline(toy_map(), TABLE)
     thick = node(server, "/selection").thickness
-    monkeypatch.setattr(LabelLayer, "metres_per_px", 1.0)
+    monkeypatch.setattr(Zoom, "metres_per_px", lambda _: 1.0)
     scene.outline(toy_map(), TABLE)
     assert node(server, "/selection").thickness == pytest.approx(OUTLINE_PX * MIN_LINE_SHARE)
     assert thick > 2 * OUTLINE_PX * MIN_LINE_SHARE
@@ -214,21 +170,21 @@ def test_the_strongest_links_are_named_on_the_neighbour(server):
     long = SimpleNamespace(other=large, ends_m=((0.0, 0.5), (1.0, 0.5)), score=0.1)
     at_end = link_label(marks, cast(Any, long))
     assert (at_end.x, at_end.y, at_end.reach_x, at_end.away_x > 0) == (1.0, 0.5, 0.0, True)
-    drawn = WhyMarks(server)
+    texts = Texts(server)
+    drawn = WhyMarks(server, texts)
     drawn.draw(marks)
-    texts = [node(server, f"/why/number/{i}") for i in range(5)]
-    assert 0 < sum(text is not None for text in texts) <= MAX_NUMBERS
+    assert 0 < len(texts["why"]) <= MAX_NUMBERS and texts["why"][0].text == named.text
     drawn.draw(None)
-    assert node(server, "/why/number/0") is None and node(server, "/why/links") is None
+    assert texts["why"] == () and node(server, "/why/links") is None
 
 
 def test_a_step_is_drawn_alone(server):
     simap = toy_map()
     why = explain(simap, CHAIR_1)
     found = between(simap, CHAIR_1, CHAIR_3)
-    drawn = WhyMarks(server)
+    drawn = WhyMarks(server, texts := Texts(server))
     drawn.draw(Marks(simap, why, True, None, found.second.id, found.link))
     assert node(server, "/why/other") is not None
     drawn.draw(Marks(simap, why, True, why.joints[0], found.second.id, found.link))
     assert {name for name in NODES if node(server, f"/why/{name}") is not None} == {"cut", "source", "target"}
-    assert node(server, "/why/number/0") is None
+    assert texts["why"] == ()

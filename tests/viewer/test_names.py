@@ -16,6 +16,7 @@ from simaps_viz.structures import SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.panels.help import WORDS
 from simaps_viz.viewer.panels.why import WHY_WORDS, WhyPanel, joint_name, lines_legend, words_html
+from simaps_viz.viewer.scene.annotations import Texts
 from simaps_viz.viewer.scene.why_marks import Marks, link_label
 
 CHAIR_1 = 1
@@ -68,7 +69,7 @@ def test_every_neighbour_has_a_button():
         simap = of_drawers()
         why = explain(simap, CHAIR_1)
         twice = replace(why.neighbours[0], other=simap.of_class(CLASS)[2])  # the same number for another one
-        page = SimpleNamespace(gui=server.gui, client=server)
+        page = SimpleNamespace(gui=server.gui, client=server, scene=SimpleNamespace(texts=Texts(server)))
         panel = WhyPanel(cast(Page, page))
         panel._fill(simap, replace(why, neighbours=(why.neighbours[0], twice)))
         assert [*panel._near.options][:2] == [f"{CLASS} 3 · 1.6 %", f"{CLASS} 4 · 1.6 %"]

@@ -98,11 +98,11 @@ def test_rooms_are_outlined_and_named_when_that_is_ticked():
         panel, scene = page.session.panels[MapPanel], page.session.scene
         panel._rooms.value = True
         panel._show_rooms(page.session.simap)
-        assert [label.text for label in scene._room_names] == [room.name for room in page.session.simap.rooms]
-        assert len(scene._room_names) == 2 and scene.nodes.get_handle_by_name("/rooms") is not None
+        assert [label.text for label in scene.texts["rooms"]] == [room.name for room in page.session.simap.rooms]
+        assert len(scene.texts["rooms"]) == 2 and scene.nodes.get_handle_by_name("/rooms") is not None
         panel._rooms.value = False
         panel._show_rooms(page.session.simap)
-        assert scene._room_names == [] and scene.nodes.get_handle_by_name("/rooms") is None
+        assert scene.texts["rooms"] == () and scene.nodes.get_handle_by_name("/rooms") is None
 
 
 # --- loading again

@@ -138,7 +138,7 @@ def test_a_hidden_object_is_selected_by_name_with_its_box_round_it(session):
     session.select(PLANT)
     assert session.wait_idle() and session.selected == PLANT
     assert session.panels[InstancePanel]._list.value == f"potted plant {PLANT}"
-    box = session.scene._boxed[0]
+    box = session.scene._boxed
     assert box == session.simap.by_id(PLANT).box
     lines = session.client.scene.get_handle_by_name("/selection")
     assert lines is not None and np.allclose(np.unique(lines.points[..., 2]), [0.075, 0.425], atol=0.01)

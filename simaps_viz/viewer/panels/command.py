@@ -16,7 +16,6 @@ import viser
 from numpy.typing import NDArray
 
 from simaps_viz.colors.classes import plural
-from simaps_viz.drawing.label_layout import Box, Label, boxes_near, label_of
 from simaps_viz.drawing.texture import outline_segments
 from simaps_viz.drawing.theme import (
     BAD_PAPER_STYLE,
@@ -47,6 +46,7 @@ from simaps_viz.structures import Pose2, SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel, Pause, button, button_row, by_person
 from simaps_viz.viewer.page.shared import Snapshot
+from simaps_viz.viewer.scene.annotations import Label, label_of
 from simaps_viz.viewer.scene.camera import SLANT, Follower
 from simaps_viz.viewer.scene.map_scene import Style
 
@@ -347,8 +347,6 @@ class Marks:
     path_m: NDArray = field(default_factory=lambda: np.zeros((0, 2)))
     """float [n, 2], map frame, metres; n < 2 draws none."""
     labels: Sequence[Label] = ()
-    blocked: Sequence[Box] = ()
-    """What the labels should not cover."""
 
 
 @dataclass(frozen=True)
@@ -636,7 +634,7 @@ class CommandPanel(Panel):
         if planned is None:
             self._conclude(answer)
             return
-        self._mark(simap, answer, labels)  # all else is dimmed until the robot has arrived
+        self._mark(answer, labels)  # all else is dimmed until the robot has arrived
         if answer.answer is not None and not answer.goals and answer.path_length_m == 0.0:  # nothing but a question
             self._conclude(answer)
             return
@@ -646,21 +644,20 @@ class CommandPanel(Panel):
         self._show_phase("paused" if paused else "driving")
         self._drive.start(planned, paused=paused)
 
-    def _mark(self, simap: SIMap, answer: Answer, labels: Sequence[Label]) -> None:
+    def _mark(self, answer: Answer, labels: Sequence[Label]) -> None:
         """Outline and number what a command means, or an answer speaks of, and dim all else."""
-        end = answer.final_pose
-        goal = (end.x_m - GOAL_M, end.y_m - GOAL_M, end.x_m + GOAL_M, end.y_m + GOAL_M)
+        goal = Label("", answer.final_pose.x_m, answer.final_pose.y_m, GOAL_M, GOAL_M)
         goals = {number for one in answer.goals for number in (one.instance, one.other_instance) if number}
-        self._draw(Marks(labels=labels, blocked=(goal, *boxes_near(simap, labels))))
+        self._draw(Marks(labels=(*labels, goal)))
         self._light(frozenset(goals if answer.answer is None else answer.answer["instances"]))
 
-    def _meant(self, command: str) -> tuple[SIMap, Answer, Sequence[Label]] | None:
+    def _meant(self, command: str) -> tuple[Answer, Sequence[Label]] | None:
         """Read and plan a command without running it; None where it cannot be carried out, or is not complete."""
         simap = self._page.simap
         with contextlib.suppress(SIMapsError):
             assert self._services.ask is not None
             answer = self._services.ask(simap, command, self._page.pose, robot=self._page.robot)
-            return simap, answer, self._explain(simap, answer)[0]
+            return answer, self._explain(simap, answer)[0]
         return None
 
     def _preview(self) -> None:
@@ -797,7 +794,7 @@ class CommandPanel(Panel):
             self._scene.show_path(shown.path_m)
             lit = () if self._hidden else self._lit
             self._scene.show_target(outline_segments(self._page.simap, *lit, z_m=OUTLINE_M))
-            self._scene.show_candidates(shown.labels, blocked=shown.blocked)
+            self._scene.show_candidates(shown.labels)
 
     def _show_phase(self, phase: Phase) -> None:
         """Show the words and buttons that fit what the robot is doing."""

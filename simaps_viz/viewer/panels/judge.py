@@ -10,7 +10,6 @@ from typing import Any, Literal
 import numpy as np
 import viser
 
-from simaps_viz.drawing.label_layout import Label, label_of
 from simaps_viz.drawing.theme import DIM_STYLE
 from simaps_viz.errors import SIMapsError
 from simaps_viz.evaluation.judging import BlindRun, JudgingSession
@@ -19,6 +18,7 @@ from simaps_viz.structures import Pose2
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel, button, button_row
 from simaps_viz.viewer.panels.command import message_html
+from simaps_viz.viewer.scene.annotations import Label, label_of
 
 _CELL = "padding:.15em .5em;text-align:right"
 

@@ -191,7 +191,8 @@ class MapPanel(Panel):
             return
         ids = changed_instances(was[0], now)
         at = f"{slider_of(now).word} {self._shown_cut.percent:g} %"
-        self._change.content = _line(f"{at}: {change_text(self._counted(was[0]), self._counted(now), len(ids))}")
+        said = f"{at}: {change_text(self._counted(was[0]), self._counted(now), len(ids))}"
+        self._change.content = f'<div class="simaps-change">{_line(said)}</div>'
         self._outline(now, ids)
 
     def _outline(self, simap: SIMap, ids: Sequence[int]) -> None:
@@ -465,7 +466,9 @@ class NamesPanel(Panel):
         if MapPanel in page.panels:
             shown = page.panels[MapPanel]
             only, faded = shown.shown_class, sorted(shown.faded)
+        xmin, ymin, xmax, ymax = page.simap.spec.extent_m
         state = {"view": page.viewpoints.name, "selected": page.selected, "only": only, "faded": faded}
+        state["middle"] = (xmin + xmax) / 2.0, (ymin + ymax) / 2.0
         content = f'<div class="simaps-state" hidden data-state="{escape(json.dumps(state))}"></div>'
         if self._state.content != content:
             self._state.content = content

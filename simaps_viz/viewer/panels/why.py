@@ -154,7 +154,7 @@ class WhyPanel(Panel):
     def __init__(self, page: Page) -> None:
         """Fill the open container."""
         self._page = page
-        self._marks = WhyMarks(page.client)
+        self._marks = WhyMarks(page.client, page.scene.texts)
         self._simap: SIMap | None = None
         self.why: Why | None = None
         """The explanation that is shown."""

@@ -1,15 +1,17 @@
 """Texts and lines on the map that stay readable while a page zooms."""
 
+import json
 import threading
 from collections.abc import Callable, Sequence
-from typing import Any
+from html import escape
+from typing import Any, NamedTuple
 
 import numpy as np
 import viser
 from numpy.typing import NDArray
 
 from simaps_viz.colors.palette import Color
-from simaps_viz.drawing.label_layout import Box, Label, spread
+from simaps_viz.structures import Instance
 
 CANVAS_PX = 560.0
 """Height of the canvas assumed until a page has reported its own."""
@@ -80,71 +82,57 @@ def seen_metres_per_px(camera: Any) -> float | None:
     return shown / rows if shown > 0.0 else None
 
 
-class LabelLayer:
-    """Texts below one name of a page's scene; they find other places when the page zooms."""
+class Label(NamedTuple):
+    """A text and the position or object that it names. Metres, map frame."""
 
-    def __init__(
-        self,
-        page: viser.ViserServer | viser.ClientHandle,
-        name: str,
-        *,
-        assumed_m: Callable[[], float] = lambda: 10.0,
-        zoomed: Callable[[float], None] = lambda metres_per_px: None,
-    ) -> None:
-        """Show nothing yet; ``zoomed`` is called with the metres a pixel shows when that has changed."""
-        self._page, self._name, self._zoomed = page, name, zoomed
-        self.lock = threading.RLock()
-        """Held while anything is drawn, and while ``zoomed`` is called, which is on a thread of its own: whoever
-        draws more than these texts takes it too."""
-        self._labels: tuple[Label, ...] = ()
-        self._blocked: tuple[Box, ...] = ()
-        self._within: Box | None = None
-        self._named: Label | None = None
-        self._z_m = 0.0
-        self._handles: list[viser.LabelHandle] = []
-        self._zoom = Zoom(page, self.place, assumed_m=assumed_m)
+    text: str
+    """Empty: what is there is only kept free of other texts."""
+    x: float
+    y: float
+    reach_x: float = 0.0
+    """Half the object's size from west to east; its text is next to it. With 0 here and in ``reach_y`` it is on the
+    position."""
+    reach_y: float = 0.0
+    away_x: float = 0.0
+    """The side on which the text should be, if there is room: a direction, of any length; 0, 0 = above."""
+    away_y: float = 0.0
+    z: float = 0.0
+    reach_z: float = 0.0
+    id: int = 0
+    """The instance, which is outlined too; 0 outlines none."""
 
-    @property
-    def metres_per_px(self) -> float:
-        """How much of the floor a pixel shows."""
-        return self._zoom.metres_per_px()
 
-    def show(
-        self,
-        labels: Sequence[Label],
-        *,
-        blocked: Sequence[Box] = (),
-        within: Box | None = None,
-        named: Label | None = None,
-        z_m: float = 0.05,
-    ) -> None:
-        """Show other texts, the most important first, at a height; other arguments as of `spread`."""
-        with self._page.atomic(), self.lock:
-            for handle in self._handles:
-                handle.remove()
-            self._labels, self._blocked, self._z_m = tuple(labels), tuple(blocked), z_m
-            self._within, self._named = within, named
-            self._handles = [
-                self._page.scene.add_label(
-                    f"{self._name}/{i}", label.text, position=(label.x, label.y, z_m), anchor="center-center"
-                )
-                for i, label in enumerate(self._labels)
-            ]
-            self._lay()
+def label_of(text: str, one: Instance) -> Label:
+    """Return a label next to an instance."""
+    (x0, y0, z0), (x1, y1, z1) = one.aabb_m
+    middle, reach = ((x0 + x1) / 2, (y0 + y1) / 2), ((x1 - x0) / 2, (y1 - y0) / 2)
+    return Label(text, *middle, *reach, z=(z0 + z1) / 2, reach_z=(z1 - z0) / 2, id=one.id)
 
-    def place(self) -> None:
-        """Lay the texts out for the current zoom."""
-        with self._page.atomic(), self.lock:
-            self._zoomed(self._lay())
 
-    def _lay(self) -> float:
-        metres_per_px = self._zoom.metres_per_px()
-        places = spread(self._labels, metres_per_px, self._blocked, within=self._within, named=self._named)
-        for handle, place in zip(self._handles, places, strict=True):
-            if place is not None:
-                handle.position = (*place, self._z_m)
-            handle.visible = place is not None
-        return metres_per_px
+KINDS = ("selection", "command", "why", "rooms")
+"""Of texts, the most important first."""
+
+
+class Texts:
+    """The texts on one page's map, in a hidden piece of HTML; ``map.js`` lays them out, none over another."""
+
+    def __init__(self, page: viser.ViserServer | viser.ClientHandle) -> None:
+        """Show nothing yet."""
+        self._html, self._lock = page.gui.add_html(""), threading.Lock()
+        self._of: dict[str, tuple[Label, ...]] = dict.fromkeys(KINDS, ())
+
+    def __getitem__(self, kind: str) -> tuple[Label, ...]:
+        """Return the texts of a kind."""
+        return self._of[kind]
+
+    def show(self, kind: str, labels: Sequence[Label]) -> None:
+        """Show other texts of one of `KINDS`, the most important first."""
+        with self._lock:
+            if self._of[kind] != tuple(labels):
+                self._of[kind] = tuple(labels)
+                rows = [(kind, *label) for kind, labels in self._of.items() for label in labels]
+                told = escape(json.dumps(rows))
+                self._html.content = f'<div class="simaps-texts" hidden data-texts="{told}"></div>'
 
 
 FULL_FROM_PX = 60.0

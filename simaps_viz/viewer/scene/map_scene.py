@@ -1,5 +1,6 @@
 """The 3-D scene of a page: the map, the robot, its path, the camera of a frame, scale bar and compass."""
 
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -9,8 +10,6 @@ import viser
 import viser.transforms as vtf
 from numpy.typing import ArrayLike, NDArray
 
-from simaps_viz.drawing.label_layout import Box as LabelBox
-from simaps_viz.drawing.label_layout import Label
 from simaps_viz.drawing.surface import is_shown, layers, point_colors, ray_on_points, solids
 from simaps_viz.drawing.texture import TINT, ColorMode, cell_colors, outline_segments
 from simaps_viz.drawing.theme import LIGHT, Theme
@@ -18,7 +17,7 @@ from simaps_viz.geometry import turned_pose, upright_turns
 from simaps_viz.mapping.in_space import VOXEL_M, box_in, has_voxels, space_points
 from simaps_viz.navigation.planner import RobotShape
 from simaps_viz.structures import Box, GridSpec, Points, Pose2, Room, SIMap
-from simaps_viz.viewer.scene.annotations import LabelLayer, draw_lines, line_share
+from simaps_viz.viewer.scene.annotations import Label, Texts, Zoom, draw_lines, label_of, line_share
 from simaps_viz.viewer.scene.camera import Extent, with_margin
 from simaps_viz.viewer.scene.why_marks import paint_cells
 
@@ -30,7 +29,7 @@ OUTLINE_PX = 3.0
 ROBOT_RADIUS_M, ROBOT_HEIGHT_M = RobotShape().radius_m, 0.35
 PICTURE_M = 0.004
 """Height over the map of a picture that is shown instead of it."""
-PARENTS = ("/candidates", "/why")
+PARENTS = ("/why",)
 """Nodes whose children come and go; hiding one hides its children."""
 LINES = ("/path", "/target", "/selection", "/changed", "/cut", "/rooms")
 CAMERA = (220, 60, 40)
@@ -83,19 +82,19 @@ class MapScene:
         self._shown: tuple[SIMap, Style] | None = None
         self._theme = LIGHT
         self._outlined: NDArray = np.zeros((0, 2, 3))
-        self._boxed: tuple[Box, str] | None = None
-        self._box_name: viser.LabelHandle | None = None
+        self._boxed: Box | None = None
         self.extent: Extent = (0.0, 0.0, 0.0, 0.0)
         self._pictured: Extent | None = None
         self.fit(simap)
         self._robot = self._add_robot()
         self._parents = [self._scene.add_frame(name, show_axes=False) for name in PARENTS]
-        self._candidates = LabelLayer(page, "/candidates", assumed_m=self._height_m, zoomed=self._zoomed)
-        self._lock = self._candidates.lock
+        self.texts = Texts(page)
+        """The texts on the map."""
+        self._zoom = Zoom(page, self._zoomed, assumed_m=self._height_m)
+        self._lock = threading.RLock()
         self._camera: CameraMark | None = None
         self._camera_at: NDArray | None = None
         self._badge: viser.LabelHandle | None = None
-        self._room_names: list[viser.LabelHandle] = []
 
     @property
     def frame_extent(self) -> Extent:
@@ -124,7 +123,7 @@ class MapScene:
             self._theme = theme
             self._add_scale_bar()
             self._add_compass()
-            self._draw_outline(self._candidates.metres_per_px)
+            self._draw_outline()
 
     def show_map(self, simap: SIMap, picture: bytes, style: Style) -> None:
         """Lay a map's picture (PNG, painted in that style, row 0 at the south) on the floor."""
@@ -176,7 +175,7 @@ class MapScene:
             with self._lock:
                 self._clear_blocks()
         if self._boxed is not None:
-            self._draw_outline(self._candidates.metres_per_px)
+            self._draw_outline()
 
     def cut_at(self, height_m: float, *, whole_walls: bool) -> None:
         """Leave out, in the 3-D view, the surface above a height; walls are low unless they are wanted whole."""
@@ -200,15 +199,17 @@ class MapScene:
 
     def outline(self, simap: SIMap, instance_id: int | None, then: tuple[SIMap, frozenset[int]] | None = None) -> None:
         """Draw a line around an instance, in the 3-D view its box, or none; else around what it was ``then``."""
-        segments, box, name = np.zeros((0, 2, 3)), None, ""
+        segments, box, named = np.zeros((0, 2, 3)), None, ()
         if then is not None:
             segments = outline_segments(then[0], *then[1], z_m=0.012)
         elif instance_id is not None:
             segments = outline_segments(simap, instance_id, z_m=0.012)
-            box, name = box_in(simap, instance_id), simap.by_id(instance_id).name
+            box, one = box_in(simap, instance_id), simap.by_id(instance_id)
+            named = (label_of(one.name, one),)
+        self.texts.show("selection", named)
         with self._lock:
-            self._outlined, self._boxed = segments, None if box is None else (box, name)
-            self._draw_outline(self._candidates.metres_per_px)
+            self._outlined, self._boxed = segments, box
+            self._draw_outline()
 
     def show_changed(self, simap: SIMap, ids: Sequence[int]) -> None:
         """Outline instances in another colour than the selected one's, instead of those shown before."""
@@ -222,14 +223,7 @@ class MapScene:
         sides = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings]
         with self._lock, self._page.atomic():
             draw_lines(self._scene, "/rooms", np.concatenate([np.zeros((0, 2, 3)), *sides]), ROOM, 2.0)
-            for label in self._room_names:
-                label.remove()
-            self._room_names = [
-                self._scene.add_label(
-                    f"/room_names/{room.id}", room.name, position=(*room.centre_m, 0.05), anchor="center-center"
-                )
-                for room in rooms
-            ]
+        self.texts.show("rooms", [Label(room.name, *room.centre_m) for room in rooms])
 
     def show_robot(self, pose: Pose2) -> None:
         """Put the robot somewhere."""
@@ -250,11 +244,11 @@ class MapScene:
         with self._lock:
             draw_lines(self._scene, "/target", lines, PATH, OUTLINE_PX, visible=self._pictured is None)
 
-    def show_candidates(self, labels: Sequence[Label], *, blocked: Sequence[LabelBox] = ()) -> None:
-        """Write texts on the map, the most important first; they leave the robot, what they name and others free."""
+    def show_candidates(self, labels: Sequence[Label]) -> None:
+        """Write texts on the map, the most important first; they leave the robot free."""
         x, y, _ = (float(value) for value in self._robot.position)
-        r = ROBOT_RADIUS_M
-        self._candidates.show(labels, blocked=(*blocked, (x - r, y - r, x + r, y + r)), within=self.extent)
+        robot = Label("", x, y, ROBOT_RADIUS_M, ROBOT_RADIUS_M)
+        self.texts.show("command", (*labels, robot) if labels else ())
 
     def show_badge(self, text: str) -> None:
         """Write a warning next to the map, such as that it is simulated; none when the text is empty."""
@@ -285,22 +279,16 @@ class MapScene:
         _, ymin, _, ymax = self.frame_extent
         return ymax - ymin
 
-    def _zoomed(self, metres_per_px: float) -> None:
-        if len(self._outlined) or self._boxed is not None:
-            self._draw_outline(metres_per_px)
+    def _zoomed(self) -> None:
+        with self._page.atomic(), self._lock:
+            if len(self._outlined) or self._boxed is not None:
+                self._draw_outline()
 
-    def _draw_outline(self, metres_per_px: float) -> None:
+    def _draw_outline(self) -> None:
         # In the 3-D view its box; of what no cell shows, from above too.
         boxed = self._boxed if self._upright or not len(self._outlined) else None
-        lines = self._outlined if boxed is None else boxed[0].edges_m
-        if self._box_name is not None:
-            self._box_name.remove()
-            self._box_name = None
-        if boxed is not None and self._pictured is None:
-            x, y, z = boxed[0].center_m
-            top = (x, y, z + boxed[0].size_m[2] / 2.0 + 0.05)
-            self._box_name = self._scene.add_label("/selection_name", boxed[1], position=top, anchor="bottom-center")
-        width = OUTLINE_PX * line_share(lines, metres_per_px)
+        lines = self._outlined if boxed is None else boxed.edges_m
+        width = OUTLINE_PX * line_share(lines, self._zoom.metres_per_px())
         color, visible = self._theme.selected, self._pictured is None
         draw_lines(self._scene, "/selection", lines, color, width, visible=visible)
 

@@ -1,5 +1,6 @@
 """Marks on the map that explain an object: how sure its cells are, its joints, its links to neighbours."""
 
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -8,12 +9,11 @@ import viser
 from numpy.typing import NDArray
 
 from simaps_viz.colors.palette import Color
-from simaps_viz.drawing.label_layout import Label, label_of
 from simaps_viz.drawing.texture import outline_segments
 from simaps_viz.mapping.explain import Joint, Link, Why, score_text
 from simaps_viz.mapping.methods import method_of
 from simaps_viz.structures import SIMap
-from simaps_viz.viewer.scene.annotations import LabelLayer, draw_lines, line_share
+from simaps_viz.viewer.scene.annotations import Label, Texts, Zoom, draw_lines, line_share
 
 CUT: Color = (214, 39, 40)
 LINK: Color = (112, 120, 134)
@@ -137,36 +137,33 @@ class Marks:
 class WhyMarks:
     """The nodes of the 3-D scene below ``/why``; every method replaces what it showed before."""
 
-    def __init__(self, page: viser.ViserServer | viser.ClientHandle) -> None:
+    def __init__(self, page: viser.ViserServer | viser.ClientHandle, texts: Texts) -> None:
         """Draw nothing yet."""
-        self._page = page
+        self._page, self._texts = page, texts
         self._drawn: dict[str, NDArray] = {}
         self._around: NDArray = np.zeros((0, 2, 3))
-        self._labels = LabelLayer(page, "/why/number", zoomed=self._draw_lines)
+        self._lock = threading.RLock()
+        self._zoom = Zoom(page, self._draw_lines)
 
     def draw(self, marks: Marks | None, z_m: float = FLOOR_M) -> None:
         """Draw an explanation, or take it away; ``z_m`` is the height of the lines over the floor."""
-        with self._page.atomic(), self._labels.lock:
+        with self._page.atomic(), self._lock:
             self._drawn = dict.fromkeys(NODES, np.zeros((0, 2, 3)))
             links: tuple[Link, ...] = ()
             if marks is not None:
                 links = _links_of(marks)
                 self._drawn |= _lines_of(marks, links, z_m)
                 self._around = outline_segments(marks.simap, marks.why.instance.id)
-            self._draw_lines(self._labels.metres_per_px)
-            labels = [] if marks is None else [link_label(marks, link) for link in links[:MAX_NUMBERS]]
-            if marks is None:
-                self._labels.show(())
-                return
-            named = label_of(marks.why.instance.name, marks.why.instance)
-            within = marks.simap.spec.extent_m
-            self._labels.show(labels, blocked=(named.box,), within=within, named=named, z_m=z_m)
+            self._draw_lines()
+            numbers = [] if marks is None else [link_label(marks, link) for link in links[:MAX_NUMBERS]]
+            self._texts.show("why", [label._replace(z=z_m) for label in numbers])
 
-    def _draw_lines(self, metres_per_px: float) -> None:
-        share = line_share(self._around, metres_per_px)
-        for name, segments in self._drawn.items():
-            color, thickness = NODES[name]
-            draw_lines(self._page.scene, f"/why/{name}", segments, color, thickness * share)
+    def _draw_lines(self) -> None:
+        with self._page.atomic(), self._lock:
+            share = line_share(self._around, self._zoom.metres_per_px())
+            for name, segments in self._drawn.items():
+                color, thickness = NODES[name]
+                draw_lines(self._page.scene, f"/why/{name}", segments, color, thickness * share)
 
 
 def link_label(marks: Marks, link: Link) -> Label:

@@ -43,8 +43,16 @@
   };
   north.addEventListener('click', () => tell({ type: 'north' }));
 
-  // The objects of the map, as the page was sent them.
+  // The objects of the map, and the texts on it, as the page was sent them.
   let sent = null, map = null, stateSent = null, state = { view: TOP, selected: null };
+  let textsSent = null, texts = [];
+  const readTexts = () => {
+    const one = document.querySelector('.simaps-texts');
+    if (one === textsSent) return false;
+    textsSent = one;
+    texts = one ? JSON.parse(one.dataset.texts) : [];
+    return true;
+  };
   const readState = () => {
     const one = document.querySelector('.simaps-state');
     if (one === stateSent) return false;
@@ -81,10 +89,10 @@
       one.south = Math.min(one.south, row); one.north = Math.max(one.north, row + 1);
       one.cells += 1; one.x += col + 0.5; one.y += row + 0.5;
     }
-    const [xmin, ymin, xmax, ymax] = told.extent;
+    const [xmin, ymin] = told.extent;
     const shown = [...objects.values()].filter((one) => one.cells);
     for (const one of shown) { one.x /= one.cells; one.y /= one.cells; settle(one, ids, cols); }
-    return { ids, rows, cols, cell: told.cell, xmin, ymin, x: (xmin + xmax) / 2, y: (ymin + ymax) / 2, objects, shown };
+    return { ids, rows, cols, cell: told.cell, xmin, ymin, objects, shown };
   };
   const settle = (one, ids, cols) => {  // a name stands on its object: at the cell nearest to the middle
     if (ids[Math.floor(one.y) * cols + Math.floor(one.x)] === one.id) return;
@@ -110,12 +118,12 @@
     return path;
   };
 
-  // Where a point of the floor appears on the canvas, and back.
-  let toScreen = null, width = 0, height = 0;
+  // Where a point of the floor, or above it, appears on the canvas, and back.
+  let toScreen = null, all = null, width = 0, height = 0;
   const look = (viser, canvas) => {
     const node = viser.nodeRefFromName['/map'], camera = viser.camera;
-    if (!map || !node || !camera) return null;
-    const all = camera.projectionMatrix.clone().multiply(camera.matrixWorldInverse).multiply(node.matrixWorld).elements;
+    if (!state.middle || !node || !camera) return null;
+    all = camera.projectionMatrix.clone().multiply(camera.matrixWorldInverse).multiply(node.matrixWorld).elements;
     const row = (i) => [all[i], all[4 + i], all[12 + i]];
     const [u, v, w] = [row(0), row(1), row(3)];
     width = canvas.clientWidth; height = canvas.clientHeight;
@@ -125,11 +133,16 @@
     const far = w[0] * x + w[1] * y + w[2];
     return [(u[0] * x + u[1] * y + u[2]) / far, (v[0] * x + v[1] * y + v[2]) / far];
   };
-  const cellToMap = (col, row) => [map.xmin + col * map.cell - map.x, map.ymin + row * map.cell - map.y];
+  const seenAt = (x, y, z) => {  // metres of the map to pixels; null behind the camera
+    const [a, b] = [x - state.middle[0], y - state.middle[1]];
+    const [u, v, , w] = [0, 1, 2, 3].map((i) => all[i] * a + all[4 + i] * b + all[8 + i] * z + all[12 + i]);
+    return w > 0 ? [(u / w + 1) * width / 2, (1 - v / w) * height / 2] : null;
+  };
+  const cellToMap = (col, row) => [map.xmin + col * map.cell - state.middle[0], map.ymin + row * map.cell - state.middle[1]];
   const floorAt = ([[a, b, c], [d, e, f], [g, h, i]], px, py) => {  // two lines of the floor meet under the pixel
     const [p, q, r] = [a - px * g, b - px * h, c - px * i], [s, t, m] = [d - py * g, e - py * h, f - py * i];
     const det = p * t - q * s;
-    return [(q * m - r * t) / det + map.x, (r * s - p * m) / det + map.y];
+    return [(q * m - r * t) / det + state.middle[0], (r * s - p * m) / det + state.middle[1]];
   };
   const cellAt = (...pixel) => {
     const [x, y] = floorAt(...pixel);
@@ -147,42 +160,67 @@
     return widths.get(text);
   };
   const spans = [];
-  const place = (number, text, x, y, chosen) => {
-    const span = spans[number] || (spans[number] = make('span', '', names));
+  let count = 0;
+  const place = (text, x, y, kind) => {
+    const span = spans[count] || (spans[count] = make('span', '', names));
+    count++;
     if (span.textContent !== text) span.textContent = text;
-    span.className = chosen ? 'simaps-name simaps-chosen' : 'simaps-name';
+    span.className = kind;
     span.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px) translate(-50%, -50%)`;
     span.hidden = false;
   };
-  // Large objects first; a name is left out where it would cover another, or be far larger than its object.
-  const writeNames = (plain, under) => {
-    const taken = [];
-    let count = 0;
-    const write = (one, text, chosen) => {
-      const half = widthOf(text) / 2 + GAP;
-      let [x, y] = at(toScreen, ...cellToMap(one.x, one.y));
-      if (chosen) {  // above its object, which it would hide
-        const rim = at(toScreen, ...cellToMap(one.x, one.north))[1] - LINE;
-        y = rim > LINE ? rim : at(toScreen, ...cellToMap(one.x, one.south))[1] + LINE;
-      }
-      const box = [x - half, y - LINE / 2, x + half, y + LINE / 2];
-      if (box[0] < 0 || box[1] < 0 || box[2] > width || box[3] > height) return;
-      if (taken.some((other) => box[0] < other[2] && other[0] < box[2] && box[1] < other[3] && other[1] < box[3])) return;
+  const covers = (a, b) => a[0] < b[2] && b[0] < a[2] && a[1] < b[3] && b[1] < a[3];
+  const isFree = (box, others) => !others.some((other) => covers(box, other));
+  const isWhole = (box) => box[0] >= 0 && box[1] >= 0 && box[2] <= width && box[3] <= height;
+  const SIDES = [[0, -1], [1, 0], [-1, 0], [0, 1], [1, -1], [-1, -1], [1, 1], [-1, 1]];
+  const AT = [0, -1, 1, -2, 2, -3, 3];
+  // What the page was sent: beside what it names, not over it, and whole where there is room; the first is always there.
+  const writeTexts = (taken, under) => {
+    const flat = state.view === TOP, things = [], written = [];
+    for (const [kind, text, x, y, reachX, reachY, awayX, awayY, z, reachZ] of texts) {
+      const corners = [];
+      for (const i of [-1, 1]) for (const j of [-1, 1]) for (const k of flat ? [0] : [-1, 1])
+        corners.push(seenAt(x + i * reachX, y + j * reachY, flat ? 0 : z + k * reachZ));
+      if (corners.includes(null)) continue;
+      const [xs, ys] = [0, 1].map((i) => corners.map((one) => one[i]));
+      const thing = [Math.min(...xs), Math.min(...ys), Math.max(...xs), Math.max(...ys)];
+      if (reachX || reachY) things.push(thing);
+      if (!text || (kind === 'selection' && under && under.id === state.selected)) continue;
+      const away = awayX || awayY ? seenAt(x + awayX, y + awayY, flat ? 0 : z) : null;
+      written.push({ kind, text, thing, away, isPoint: !reachX && !reachY && !away });
+    }
+    for (const { kind, text, thing, away, isPoint } of written) {
+      const [x, y] = [(thing[0] + thing[2]) / 2, (thing[1] + thing[3]) / 2], half = widthOf(text) / 2 + 7, high = LINE / 2 + 1;
+      const [outX, outY] = [(thing[2] - thing[0]) / 2 + GAP + half, (thing[3] - thing[1]) / 2 + GAP + high];
+      const rank = ([i, j]) => (away ? i * (away[0] - x) + j * (away[1] - y) : 0);
+      const sides = [...SIDES].sort((a, b) => Math.hypot(...a) - Math.hypot(...b) || rank(b) - rank(a));
+      const middles = isPoint ? AT.map((k) => [x, y + k * 2 * high])
+        : [0, 1, 2].flatMap((ring) => sides.map(([i, j]) => [x + i * outX, y + j * (outY + ring * 2 * high)]));
+      const boxes = middles.map(([a, b]) => [a - half, b - high, a + half, b + high]);
+      const apart = boxes.filter((box) => isFree(box, taken)), free = apart.filter((box) => isFree(box, things));
+      const box = [...free, ...apart].find(isWhole) || free[0] || apart[0] || (taken.length ? null : boxes[0]);
+      if (!box) continue;
       taken.push(box);
-      place(count++, text, x, y, chosen);
-    };
-    const chosen = map.objects.get(state.selected);
-    if (chosen && chosen.cells && chosen !== under) write(chosen, chosen.name, true);
+      const look = { selection: 'simaps-chosen', rooms: 'simaps-room' }[kind] || (text.startsWith('▶') ? 'simaps-meant' : 'simaps-other');
+      place(text, (box[0] + box[2]) / 2, (box[1] + box[3]) / 2, `simaps-text ${look}`);
+    }
+  };
+  // Large objects first; a name is left out where it would cover another, or be far larger than its object.
+  const writeNames = (taken) => {
     const [left, top] = at(toScreen, 0, 0), [right, bottom] = at(toScreen, map.cell, map.cell);
     const px = Math.hypot(right - left, bottom - top) / Math.SQRT2;
-    for (const one of plain ? map.shown : []) {
-      if (one === chosen || !shows(one.label)) continue;
+    for (const one of map.shown) {
+      if (one.id === state.selected || !shows(one.label)) continue;
       const wide = (one.east - one.west) * px, high = (one.north - one.south) * px;
       if (high < 13 || wide < 13) continue;
       const text = [one.name, one.label].find((words) => widthOf(words) <= 1.6 * wide);
-      if (text) write(one, text, false);
+      if (!text) continue;
+      const half = widthOf(text) / 2 + GAP, [x, y] = at(toScreen, ...cellToMap(one.x, one.y));
+      const box = [x - half, y - LINE / 2, x + half, y + LINE / 2];
+      if (!isWhole(box) || !isFree(box, taken)) continue;
+      taken.push(box);
+      place(text, x, y, 'simaps-name');
     }
-    for (; count < spans.length; count++) spans[count].hidden = true;
   };
 
   // The line between two maps that are compared is dragged by its handle.
@@ -200,8 +238,8 @@
   const placeHandle = () => {
     handle.hidden = !divide || !toScreen;
     if (handle.hidden) return;
-    const [west, south, east, north] = divide.extent, x = west + (dragged ?? divide.share) / 100 * (east - west);
-    const [[left, low], [, high]] = [south, north].map((y) => at(toScreen, x - map.x, y - map.y));
+    const [west, south, east, north] = divide.extent, x = west + (dragged ?? divide.share) / 100 * (east - west) - state.middle[0];
+    const [[left, low], [, high]] = [south, north].map((y) => at(toScreen, x, y - state.middle[1]));
     const middle = (Math.max(high, 60) + Math.min(low, height - 60)) / 2;
     handle.style.transform = `translate(${left.toFixed(1)}px, ${middle.toFixed(1)}px) translate(-50%, -50%)`;
   };
@@ -264,13 +302,20 @@
     }
     return found;
   };
+  const writeAll = (plain, under) => {
+    const taken = [];
+    count = 0;
+    writeTexts(taken, under);
+    if (plain && map) writeNames(taken);
+    for (; count < spans.length; count++) spans[count].hidden = true;
+  };
   const drawOver = (canvas, plain) => {
     const scale = window.devicePixelRatio || 1, context = drawing.getContext('2d');
     const [w, h] = [Math.round(width * scale), Math.round(height * scale)];
     if (drawing.width !== w || drawing.height !== h) { drawing.width = w; drawing.height = h; }
     else context.clearRect(0, 0, w, h);
     let under = null;
-    if (pointer && !pressed) {
+    if (map && pointer && !pressed) {
       const box = canvas.getBoundingClientRect(), [x, y] = [pointer[0] - box.left, pointer[1] - box.top];
       const [col, row] = cellAt(toScreen, x, y);
       under = map.objects.get(aimedAt(col, row));
@@ -281,8 +326,12 @@
       }
     }
     hint.hidden = !under;
-    writeNames(plain, under);
-    if (pointed) for (const one of map.shown) if (one.label === pointed) draw(context, one, true);
+    writeAll(plain, under);
+    for (const [kind, text, ...label] of map ? texts : []) {  // what has a rank; the target is outlined on the map itself
+      const one = kind === 'command' && !text.startsWith('▶') && map.objects.get(label[8]);
+      if (one && one.cells) draw(context, one, true);
+    }
+    if (map && pointed) for (const one of map.shown) if (one.label === pointed) draw(context, one, true);
     if (under) draw(context, under, false);
   };
 
@@ -376,8 +425,8 @@
 
   const covered = (viser) => Object.keys(viser.nodeRefFromName).some((name) => name === '/picture' && viser.nodeRefFromName[name]);
   const marked = ({ nodeRefFromName: nodes }) => {
-    const marks = Object.keys(nodes).filter((name) => /^\/(candidates|why)\/.|^\/target$/.test(name));
-    return marks.some((name) => nodes[name] && !marks.some((other) => other.startsWith(`${name}/`))); // a parent stays
+    if (texts.some(([kind]) => kind === 'command' || kind === 'why')) return true;
+    return Object.keys(nodes).some((name) => nodes[name] && /^\/why\/.|^\/target$/.test(name));
   };
   let changed = true, before = '', legend = null;
   const tick = () => {
@@ -390,6 +439,7 @@
     const entry = document.querySelector('.simaps-legend [data-class]');
     if (entry !== legend) { legend = entry; changed = true; }
     if (readState()) changed = true;
+    if (readTexts()) changed = true;
     if (readDivide()) changed = true;
     if (viser.cameraControl) hands(viser.cameraControl);
     toScreen = look(viser, canvas);
@@ -406,9 +456,12 @@
     placeHandle();
     scale.hidden = !toScreen || !top;
     if (!scale.hidden) drawScale();
-    for (const one of [drawing, names]) one.hidden = bare || !top;
-    if (bare || !top) { hint.hidden = true; return; }
-    drawOver(canvas, plain);
+    drawing.hidden = bare || !top;
+    names.hidden = bare;
+    hint.hidden = true;
+    if (bare) return;
+    if (top) drawOver(canvas, plain);
+    else writeAll(false, null);
   };
   window.requestAnimationFrame(tick);
 })();
