@@ -443,11 +443,12 @@
     if (readDivide()) changed = true;
     if (viser.cameraControl) hands(viser.cameraControl);
     toScreen = look(viser, canvas);
-    const plain = !marked(viser), bare = !toScreen || covered(viser), top = state.view === TOP;
+    const isCovered = covered(viser), plain = !marked(viser), bare = !toScreen || isCovered, top = state.view === TOP;
     const now = `${toScreen}|${width}|${height}|${plain}|${bare}|${top}`;
     if (now === before && !changed) return;
     before = now;
     changed = false;
+    over.classList.toggle('simaps-covered', isCovered);
     pressEntries();
     if (toScreen) {
       const right = viser.nodeRefFromName['/map'].matrixWorld.clone().invert().multiply(viser.camera.matrixWorld).elements;
