@@ -511,8 +511,9 @@ def _until_saved(build: LiveBuild, run: LiveRun, tell: Callable[[str], None] = n
     pause, said, next_s = threading.Event(), "", 0.0
     while (state := build.state()).status not in ("done", "failed", "stopped"):
         try:
-            if (now_s := time.monotonic()) >= next_s and (words := run.words()) != said:
-                next_s, said = now_s + REPORT_S, words
+            reports = state.status != "stopping" and time.monotonic() >= next_s
+            if reports and (words := run.words()) != said:
+                next_s, said = time.monotonic() + REPORT_S, words
                 tell(words)
             pause.wait(0.1)
         except KeyboardInterrupt:

@@ -624,8 +624,9 @@ class LiveRun:
         if not self.traffic.placed:
             found = request.source.words()
             raise InputError(f"{request.source.name}: expected frames, found none{f' ({found})' if found else ''}")
+        dropped = dict(self.traffic.dropped)  # what comes while the map is finished was not too much for it
         simap = growing.finished(observers)
-        live = {"shots": self.traffic.placed, "dropped": dict(self.traffic.dropped), "moved": self.moved}
+        live = {"shots": self.traffic.placed, "dropped": dropped, "moved": self.moved}
         if growing.earlier is not None:
             live["earlier"] = {
                 "name": growing.earlier.provenance.get("name"), "found": growing.is_placed,
