@@ -50,6 +50,9 @@ _DETERMINERS: Final = frozenset(["DET", "INDEF", "EVERY"])
 _LOST: Final = frozenset(["left", "lost", "put", "forgot", "forgotten", "dropped", "misplaced"])
 _FOUND: Final = frozenset(["somebody", "someone"])
 """Who left a thing where it still is: "somebody left a cup on the table"."""
+_BEFORE_ONE: Final = frozenset(["COLOR", "SIZE", "SUPER", "MORE", "ORD", "LEFT", "RIGHT", "OTHER"])
+"""What comes before "one" where it stands for a thing: "the big one"."""
+_TELLS: Final = frozenset(["COLOR", "SIZE", "SUPER", "MORE", "SHAPE", "NOUN", "NOUNS", "LEFT", "RIGHT"])
 _NAMES: Final = frozenset(["NOUN", "NOUNS", "ROOMKIND", "ROOM", "ROOMS", "PLACE", "SPOT"])
 
 
@@ -82,17 +85,16 @@ def read_command(text: str, labels: Sequence[str] | Mapping[str, int]) -> Readin
     vocabulary = Vocabulary(labels)
     try:
         reading = _understood(text, vocabulary)
-        for shorter, notes, named in _without_asides(text, vocabulary) if "search(" in reading.program else ():
+        for aside in _without_asides(text, vocabulary) if "search(" in reading.program else ():
             with suppress(CommandError):  # "I want toast, go to the toaster": the map has no toast
-                other = _understood(shorter, vocabulary, named)
+                other = aside.rest(vocabulary)
                 if "search(" not in other.program:
-                    return replace(other, notes=(*notes, *other.notes))
+                    return other
         return reading
     except CommandError as error:
-        for shorter, notes, named in _without_asides(text, vocabulary):
+        for aside in _without_asides(text, vocabulary):
             with suppress(CommandError):
-                reading = _understood(shorter, vocabulary, named)
-                return replace(reading, notes=(*notes, *reading.notes))
+                return aside.rest(vocabulary)
         suggested = instead(text, labels) or examples(labels)
         said = str(error) if str(error).endswith(("?", ".")) else f"{error}."
         raise CommandError(f"{said} Try: {', '.join(map(quoted, suggested))}.", suggestions=suggested) from None
@@ -159,8 +161,57 @@ def _understood(text: str, vocabulary: Vocabulary, named: Phrase | None = None) 
     return _read(sentence, vocabulary, named)
 
 
-def _without_asides(text: str, vocabulary: Vocabulary) -> Iterator[tuple[str, list[str], Phrase | None]]:
-    """Return a text without clauses that say nothing about what is to be done, notes on them, and what they name.
+@dataclass(frozen=True)
+class _Aside:
+    """A text without clauses that say nothing about what is to be done."""
+
+    text: str
+    left_out: tuple[str, ...]
+    sentences: tuple[Sentence, ...] = ()
+    """The clauses that are left out."""
+    named: Phrase | None = None
+    """What they name."""
+
+    def rest(self, vocabulary: Vocabulary) -> Reading:
+        """Read the text.
+
+        Raises:
+            CommandError: it cannot be read, or what is left out tells which of several things is meant.
+        """
+        reading = _understood(self.text, vocabulary, self.named)
+        said = re.findall(r'"([^"]*)"', reading.program)
+        if any((vocabulary.count(label) or 0) > 1 or vocabulary.count(label) is None for label in said):
+            for clause in self.sentences:
+                if _tells_apart(clause, reading.program):
+                    raise CommandError(f'"{" ".join(clause.words)}"')
+        notes = [f'"{_in_brief(one)}" is left out: it names nothing to do' for one in self.left_out]
+        return replace(reading, notes=(*notes, *reading.notes))
+
+
+def _tells_apart(clause: Sentence, program: str) -> bool:
+    """Whether a clause has a colour that a program lacks, or speaks of "the big one", "it" or "they" and how it is."""
+    if clause.words[:1] == ("forget",):  # "actually the big one, forget the little one"
+        return False
+    back, before = False, set[str]()
+    for at, here in enumerate(clause.edges[:-1]):
+        kinds = {edge.kind for edge in here}
+        if kinds == {"COLOR"} and not any(quoted(edge.value) in program for edge in here):
+            return True
+        if at and not kinds.isdisjoint(("ONE", "ONES")) and before & _BEFORE_ONE:
+            return True
+        if (
+            back
+            and not kinds.isdisjoint(_TELLS)
+            and not any(isinstance(edge.value, Noun) and quoted(edge.value.label) in program for edge in here)
+        ):
+            return True
+        back |= at < 2 and clause.words[at] in ("it", "they", "that", "this", "these", "those") and "IT" in kinds
+        before = kinds
+    return False
+
+
+def _without_asides(text: str, vocabulary: Vocabulary) -> Iterator[_Aside]:
+    """Return a text without clauses that say nothing about what is to be done.
 
     "Netflix and chill: go to the sofa", "my feet hurt, so take me to the sofa", "I lost my handbag. Where is it?"
     First without reasons and talk in which no word counts, then also without what is only said to be so, and at last
@@ -171,7 +222,7 @@ def _without_asides(text: str, vocabulary: Vocabulary) -> Iterator[tuple[str, li
     at = next((at for at, word in enumerate(sentence.words) if word not in sentence.unknown), 0)
     if at and any(edge.kind in ("GO", "TURN", "SPIN") for edge in sentence.edges[at]):  # "hihi spin round"
         said = " ".join(sentence.words[:at])
-        yield " ".join(sentence.words[at:]), [f'"{_in_brief(said)}" is left out: it names nothing to do'], None
+        yield _Aside(" ".join(sentence.words[at:]), (said,))
     for purposes in (False, re.search(r"\b(?:i|me|we|us)\b", plain) is not None):
         said = list(clauses(plain, purposes=purposes))
         sentences = [read_words(clause, vocabulary) for clause in said]
@@ -187,7 +238,10 @@ def _without_asides(text: str, vocabulary: Vocabulary) -> Iterator[tuple[str, li
             for out, clause, sent in zip(stated, said, sentences, strict=True)
         ]
         wished[-1] = stated[-1]
-        for dropped in (talk, stated, *(() if purposes else (wished,))):
+        # What is there stays, if it can be read: "we have two sofas here; go to the longer one, it fits three".
+        there = [any(edge.kind == "EXIST" for here in sent.edges[:2] for edge in here) for sent in sentences]
+        less = [out or (one and not is_there) for out, one, is_there in zip(talk, stated, there, strict=True)]
+        for dropped in (talk, less, stated, *(() if purposes else (wished,))):
             kept = [clause for clause, out in zip(said, dropped, strict=True) if not out]
             if (
                 any(dropped)
@@ -195,10 +249,10 @@ def _without_asides(text: str, vocabulary: Vocabulary) -> Iterator[tuple[str, li
                 and not _tells_which(said, sentences, dropped, vocabulary)
             ):
                 left_out = [at for at, out in enumerate(dropped) if out and sentences[at].words]
-                brief = [_in_brief(said[at].strip(" ,.;:!")) for at in left_out]
-                notes = [f'"{one}" is left out: it names nothing to do' for one in brief]
-                named = next((found for at in left_out if (found := _first_named(sentences[at]))), None)
-                yield "".join(kept), notes, named
+                brief = tuple(said[at].strip(" ,.;:!") for at in left_out)
+                clauses_out = tuple(sentences[at] for at in left_out)
+                named = next((found for clause in clauses_out if (found := _first_named(clause))), None)
+                yield _Aside("".join(kept), brief, clauses_out, named)
 
 
 def _tells_which(
@@ -276,6 +330,8 @@ def _read(sentence: Sentence, vocabulary: Vocabulary, named: Phrase | None) -> R
         try:
             program = writer.write(reading.value)
             parse_program(program)
+            if unheard := _unheard(sentence, program):
+                raise CommandError(f'Not understood: "{unheard}". What it says of a thing was not heard')
             programs.setdefault(program, writer)
         except ProgramError:
             said = _in_brief(" ".join(sentence.words))
@@ -289,6 +345,30 @@ def _read(sentence: Sentence, vocabulary: Vocabulary, named: Phrase | None) -> R
     others += [program.replace(quoted(one), quoted(other)) for one, other in writer.others]
     kept = tuple(dict.fromkeys(other for other in others if other != program))
     return Reading(program, (*sentence.notes, *writer.notes), kept[:_MAX_ALTERNATIVES])
+
+
+_STRUCK: Final = frozenset(["NOWAIT", "NEVER", "NOT", "NEITHER", "EXCEPT", "MEANT"])
+
+
+def _unheard(sentence: Sentence, program: str) -> str:
+    """Return the first colour or thing that was said and that a program says nothing of; "" where there is none."""
+    if any(edge.kind in _STRUCK for here in sentence.edges for edge in here):
+        return ""
+    at = 0
+    while at < len(sentence.words):
+        here = sentence.edges[at]
+        end = max(edge.end for edge in here)
+        longest = [edge for edge in here if edge.end == end]
+        kinds = {edge.kind for edge in longest}
+        if kinds == {"COLOR"} and not any(quoted(edge.value) in program for edge in longest):
+            return " ".join(sentence.words[at:end])
+        if kinds <= {"NOUN", "NOUNS"}:
+            noun = longest[0].value
+            names = (noun.label, noun.spoken, noun.wide, *noun.others)
+            if not any(quoted(name) in program for name in names):
+                return " ".join(sentence.words[at:end])
+        at = end
+    return ""
 
 
 def _refusal(sentence: Sentence, chart: Chart, vocabulary: Vocabulary) -> str:

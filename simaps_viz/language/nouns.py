@@ -165,7 +165,7 @@ def select(noun: Noun | None, parts: Iterable[Part], *, every: bool = False, som
     Raises:
         CommandError: the parts contradict each other.
     """
-    parts = _clear(tuple(parts), noun)
+    parts = _clear(_of_one_thing(tuple(parts), noun), noun)
     rank, count = _number(parts, "rank"), _number(parts, "count")
     is_plural = every or (noun is not None and noun.is_plural)
     if rank is not None and (rank == 0 or abs(rank) > MAX_RANK):
@@ -251,6 +251,14 @@ def _clear(parts: Parts, noun: Noun | None) -> Parts:
     return tuple(
         replace(part, kind="", note=f'"{part.text}" {left_out}') if part.kind == "vague" else part for part in parts
     )
+
+
+def _of_one_thing(parts: Parts, noun: Noun | None) -> Parts:
+    """Return the parts without the other name of "the footstool, the little ottoman"; raise where it names others."""
+    for part in parts:
+        if part.kind == "alias" and (noun is None or noun.label != part.of or noun.spoken == part.text):
+            raise CommandError("")
+    return tuple(part for part in parts if part.kind != "alias")
 
 
 def _check_counted(parts: Parts, rank: int | None, count: int | None) -> None:
@@ -857,10 +865,41 @@ def _added(relation: Parts) -> Parts:
     return relation
 
 
-@_rule("post", "COMMA (IT IS)? DET adjective ONE post*", cost=0.1)
+@_rule("post", "COMMA (IT IS)? DET adjective (ONE | !(NOUN | NOUNS | ONES | WORD)) post*", cost=0.1)
 def _the_red_one(adjective: Parts, post: Sequence[Parts] = ()) -> Parts:
     """Read "the box under the bench, the red one": a list where another colour was said before."""
     return (*(replace(part, number=1, outer=part.text.startswith("colored(")) for part in adjective), *_flat(post))
+
+
+@_rule("post", "(COMMA | STOP) IT IS+ (relation | adjective)", cost=0.2)
+def _and_it_is(relation: Parts = (), adjective: Parts = ()) -> Parts:
+    """Read "the chair, it is by the window"."""
+    return (*relation, *adjective)
+
+
+@_rule("post", "COMMA DET pre* name:NOUN !(COMMA | AND | OR)", cost=0.1)
+def _also_called(name: Noun, pre: Sequence[Parts] = ()) -> Parts:
+    """Read "the footstool, the little ottoman": one thing by two names."""
+    return (Part("alias", name.spoken, name.label), *_flat(pre))
+
+
+@_rule("relation", "COMMA? INCLUDING np", "COMMA? np INCLUDED")
+def _including(np: Phrase) -> Parts:
+    """Read "the smallest table, coffee tables included"."""
+    return _filter(f"union({{}}, {np.base})", np)
+
+
+@_rule("relation", "ON DET* SIDE FACING HERE", cost=-0.2)
+def _on_near_side() -> Parts:
+    """Read "on the side facing you": of what was named before."""
+    thing = Phrase(IT, ONE, "thing")
+    return (*_in_front(thing), *_close(thing))
+
+
+@_rule("post", "said:CLAUSE", cost=1.0)
+def _said_of_it(said: str) -> Parts:
+    """Read "the tub where one takes a bath": whatever that means, it is no choice where one is left."""
+    return (Part("vague", said),)
 
 
 @_rule("post", "COMMA? (IT IS)? DET ONE post", cost=0.3)
@@ -990,10 +1029,16 @@ def _bare() -> Parts:
     return _filter("empty({})")
 
 
-@_rule("relation", "BUTNO np _on_it?", cost=-0.1)
-def _but_without(np: Phrase) -> Parts:
+@_rule("relation", "BUTNO np (COMMA? (NUMBER | OR | NOR) more:np)* _on_it?", cost=-0.1)
+def _but_without(np: Phrase, more: Sequence[Phrase] = ()) -> Parts:
     """Read "a desk with a keyboard but no book on it": of the desk, not of the keyboard."""
-    return _filter(f"without({{}}, {np.argument})", np, outer=True)
+    return tuple(p for one in (np, *more) for p in _filter(f"without({{}}, {one.argument})", one, outer=True))
+
+
+@_rule("relation", "WITH a:np BUTNO b:np (COMMA? (NUMBER | OR | NOR) more:np)* _on_it?", cost=-0.3)
+def _having_but_no(a: Phrase, b: Phrase, more: Sequence[Phrase] = ()) -> Parts:
+    """Read "a room with a ball and no bed, no tv"."""
+    return (*_having(a), *(replace(part, outer=False) for part in _but_without(b, more)))
 
 
 @_rule("post", "(COMMA | BUT)? DET OTHER ONE", "(COMMA | BUT)+ DET OTHER", cost=0.3)

@@ -439,7 +439,7 @@ _rule("round", "way")(lambda way: -1.0 if way == "left" else 1.0)
     "lapped",
     "lap:CIRCLE (AROUND | OF)? targets round? times? (COMMA? round)? | (GO | TAKE | CIRCLE | MAKE)? times "
     "(CIRCLE | AROUND) targets | (MAKE | GO)? EXACTLY? times? (n:amount | DET | FULL | half:HALF)* lap:LAP round? "
-    "(AROUND | OF | BY) targets times? (COMMA _np AND EVERY)? | GO half:HALF AROUND "
+    "(AROUND | OF | BY) targets times? | GO half:HALF AROUND "
     "targets | CIRCLE targets (COMMA | AND)* UNTIL? (MAKE | EXIST)? n:amount LAP",
     cost=-0.4,
 )
@@ -518,7 +518,7 @@ def _there_and_back(targets: tuple[Phrase, ...]) -> Steps:
     return (*_go_to(targets), *_home())
 
 
-_words("_beginning", "DET? START | _prep+ DET? START | (TO? HERE)+")
+_words("_beginning", "DET? START | _prep+ DET? START | (TO? HERE)+ | TO EXACTLY? _place HERE")
 
 
 @_rule(
@@ -548,9 +548,9 @@ _words("_looking", "(GO | STAND)? FACE | LOOK | LOOK _prep+ | FACE _prep+ | TURN
 
 @_rule(
     "order",
-    "_looking targets STILL? | _turning AROUND? (TO | TOWARD)+ _looking? targets | _turning way? AROUND? UNTIL (SEE | "
-    "LOOK | FACE) targets | _turning UNTIL targets IS (FRONT HERE | VIEW | SEEN) | _turning AROUND _looking targets | "
-    "(KEEP | WITH) targets IS? (FRONT HERE | VIEW)",
+    "_looking targets (COMMA? STILL)? | _turning AROUND? (TO | TOWARD)+ _looking? targets | _turning way? AROUND? "
+    "UNTIL HERE? (SEE | LOOK AT? | FACE) targets | _turning UNTIL targets IS (FRONT HERE | VIEW | SEEN) | _turning "
+    "AROUND _looking targets | (KEEP | WITH) targets IS? (FRONT HERE | VIEW)",
 )
 def _face(targets: tuple[Phrase, ...], way: str = "") -> Steps:
     return _each("robot.face({0})", targets, "face")
@@ -617,7 +617,8 @@ _rule("way", "_prep* COUNTERCLOCKWISE")(lambda: "left")
     "order",
     "_turning way ((BY | FOR)? angle)? | _turning (BY | FOR | DET | FULL)* angle TURN? way? TURN? | _looking way "
     "| MAKE (BY | DET)* angle? TURN? way (angle | TURN | angle TURN | TURN angle)? | MAKE DET? angle TURN? way? "
-    "TURN? | way:hand | way TURN? (BY | FOR)? angle | (BY | FOR)? angle TURN? way | _turning AROUND (BY | FOR)? angle "
+    "TURN? | way:hand | OTHER way TURN | way SLIGHTLY COMMA angle | "
+    "way TURN? (BY | FOR)? angle | (BY | FOR)? angle TURN? way | _turning AROUND (BY | FOR)? angle "
     "way? | way TURN "
     "angle? | MAKE DET? TURN way angle?",
 )
@@ -811,10 +812,15 @@ def _are_there(n: int, np: Phrase = _OF_THAT_NAME, **_: str) -> Steps:
 
 
 @_rule(
-    "question", "EXIST counted:COUNTED a:np THAN b:np", "HOWMANY how:COUNTED a:np THAN b:np (IS | EXIST)*", cost=-0.3
+    "question",
+    "EXIST counted:COUNTED a:np THAN (b:np | relation)",
+    "HOWMANY how:COUNTED a:np THAN (b:np | relation) (IS | EXIST)*",
+    cost=-0.3,
 )
-def _are_there_more(a: Phrase, b: Phrase, counted: str = "", how: str = "") -> Steps:
-    test, phrases = _counts(counted or how, a, b)
+def _are_there_more(
+    a: Phrase, b: Phrase | None = None, relation: Parts = (), counted: str = "", how: str = ""
+) -> Steps:
+    test, phrases = _counts(counted or how, a, b, relation)
     if how:
         swap = phrases if how == "more" else phrases[::-1]
         return (Do(('tell(count({0.text}) - count({1.text}), "count")',), swap),)
@@ -859,6 +865,17 @@ def _where(np: Phrase) -> Steps:
 @_rule("question", "IS np IN room OR IN? _room_too", cost=-0.3)
 def _which_room(np: Phrase, room: Phrase | None = None) -> Steps:
     return _told(np, "room")
+
+
+@_rule(
+    "question",
+    "IN? WHICH (ROOM | ROOMS) (IS | EXIST | HERE | WITH | DOES | APPROACH | SEE)* DET* key:numerous np",
+    cost=-0.4,
+)
+def _which_room_has_most(key: str, np: Phrase) -> Steps:
+    """Read "in which room are the most chairs?"."""
+    ordered = f'first(order(rooms(), "{key}", {np.whole or np.argument}))'
+    return _told(_changed(ALL_ROOMS, ordered, np.notes, many=False), "which")
 
 
 _words("_room_too", "room")
@@ -987,13 +1004,20 @@ def _which_are_more(a: Phrase, b: Phrase) -> Steps:
     return (Choose(test, phrases, _told(a, "count"), _told(b, "count")),)
 
 
-@_rule("question", "EXIST AS MANY a:np AS b:np", cost=-0.3)
-def _are_as_many(a: Phrase, b: Phrase) -> Steps:
-    """Read "are there as many vases as clocks?"."""
+@_rule("question", "EXIST AS MANY a:np AS (b:np | relation)", cost=-0.3)
+def _are_as_many(a: Phrase, b: Phrase | None = None, relation: Parts = ()) -> Steps:
+    """Read "are there as many vases as clocks?", "... windows in the kitchen as in the living room?"."""
+    b = b or _of_its_name(a, relation)
     return (Do(('tell(count({0.text}) == count({1.text}), "whether")',), _counts("more", a, b)[1]),)
 
 
-@_rule("question", "EXIST counted:COUNTED np IN? a:room OR IN? b:room", cost=-0.5)
+@_rule("question", "EXIST? counted:COUNTED np IN? a:room OR IN? b:room", cost=-0.5)
+@_rule(
+    "question",
+    "IN? WHICH (ROOM | ROOMS) (IS | EXIST | HERE | WITH | DOES | APPROACH | SEE)* counted:COUNTED np "
+    "(COMMA | STOP)+ IN? a:room OR IN? b:room",
+    cost=-0.5,
+)
 def _where_are_more(counted: str, np: Phrase, a: Phrase, b: Phrase) -> Steps:
     """Read "are there more chairs in the kitchen or in the living room?"."""
     key = "many" if counted == "more" else "few"
@@ -1160,6 +1184,12 @@ def _what_is(post: Sequence[Parts], what: str) -> Steps:
     return _told(refine(EVERYTHING, parts), "what")
 
 
+@_rule("question", "relation COMMA? what:WHAT (IS | EXIST | ON | IN | IT | HERE)*", cost=-0.2)
+def _what_is_there_in(relation: Parts, what: str) -> Steps:
+    """Read "on the desk, what is there?"."""
+    return _what_is([relation], what)
+
+
 @_rule("question", "(WHICH | WHAT) np? (IS | EXIST)* (AT | NEAR | ON | TO)+ DET* POINT? x:NUM COMMA? y:NUM", cost=-0.8)
 def _what_is_there(x: float, y: float, np: Phrase = EVERYTHING) -> Steps:
     """Read "which object is at (10, 3.1)?"."""
@@ -1298,6 +1328,20 @@ def _holds(np: Phrase, relation: Parts = (), adjective: Parts = (), negation: st
     return f"count({{0.text}}) {'==' if negation else '>'} 0", (replace(phrase, many=False),)
 
 
+@_rule("condition", "a:np AND b:np IS negation:NOT? IN DET* SAME ROOM", cost=-0.3)
+def _in_one_room(a: Phrase, b: Phrase, negation: str = "") -> Condition:
+    return _holds(a, _inside_of(b), negation=negation)
+
+
+def _inside_of(np: Phrase) -> Parts:
+    return (Part("filter", f"inside({{}}, room({np.argument}))", phrase=np),)
+
+
+@_rule(
+    "condition",
+    "(ATLEAST | more:MORETHAN | few:LESSTHAN | only:EXACTLY | most:ATMOST) n:whole &ASKED",
+    cost=-0.1,
+)
 @_rule("condition", *_NUMBERED, cost=-0.3)
 def _at_least(
     n: int, np: Phrase = _OF_THAT_NAME, more: str = "", few: str = "", only: str = "", most: str = ""
@@ -1306,8 +1350,14 @@ def _at_least(
     return f"count({{0.text}}) {sign} {n}", (replace(_changed(np, np.whole or np.text, many=False), together=n > 1),)
 
 
-@_rule("condition", "EXIST counted:COUNTED a:np THAN b:np", cost=-0.3)
-def _counts(counted: str, a: Phrase, b: Phrase) -> Condition:
+def _of_its_name(phrase: Phrase, parts: Parts) -> Phrase:
+    """Return the things of the name of a phrase of which something else is said."""
+    return refine(Phrase(phrase.base, phrase.base, phrase.word, True), parts)
+
+
+@_rule("condition", "EXIST counted:COUNTED a:np THAN (b:np | relation)", cost=-0.3)
+def _counts(counted: str, a: Phrase, b: Phrase | None = None, relation: Parts = ()) -> Condition:
+    b = b or _of_its_name(a, relation)
     phrases = tuple(_changed(one, one.whole or one.text, many=False) for one in (a, b))
     return f"count({{0.text}}) {'>' if counted == 'more' else '<'} count({{1.text}})", phrases
 
@@ -1341,6 +1391,7 @@ def _is_nearer(np: Phrase, compared: str) -> Condition:
     "avoided",
     "(KEEP | STAND | GO | WITH | GIVE)? ATLEAST? (distance (OF? DISTANCE)? | DET? DISTANCE OF? ATLEAST? distance) "
     "ATLEAST? (away | AWAY | SHORT FROM? | EMPTY OF | TO | FROM) targets",
+    "GIVE targets BERTH COMMA? (OF | ATLEAST)* distance ATLEAST?",
     "GIVE (targets | targets:there) ATLEAST? distance (OF (ROOM | BERTH | DISTANCE))?",
     "NEVER (GO | APPROACH) compared THAN distance (TO | FROM | NEAR)* targets",
     "NEVER (GO | APPROACH) IN distance (TO | FROM | NEAR | OF)* targets",
@@ -1505,6 +1556,7 @@ def _not_before(b: Steps, targets: tuple[Phrase, ...]) -> Steps:
 @_rule(
     "logical",
     "WHETHER? condition (COMMA | AND | STOP | THEN)* IFSO COMMA? a:body (_mayhap OTHERWISE COMMA? b:body)?",
+    "WHETHER? condition ASKED THEN COMMA? a:body (_mayhap OTHERWISE COMMA? b:body)?",
     "WHETHER? condition (COMMA | AND | STOP | THEN)* OTHERWISE COMMA? b:body",
     cost=-0.2,
 )
@@ -1527,6 +1579,7 @@ def _so(b: Steps) -> Steps:
     "logical",
     "b:done (COMMA | AND | STOP | BUT)* NEVER (not_:order | went:GO | went:APPROACH | TURN AROUND?) "
     "((COMMA | STOP)+ ONLY? LOOK)?",
+    "NEVER (went:GO | went:APPROACH) (COMMA | AND | STOP | BUT)+ ONLY? b:done",
     cost=0.3,
 )
 def _only(b: Steps, not_: Steps = (), went: str = "") -> Steps:
@@ -1547,12 +1600,24 @@ def _kind(step: Do) -> str:
 @_rule("logical", "(NEVER not_:done | NEITHER _np NOR _np) (COMMA | AND | STOP | EXCEPT | THEN)+ b:done", cost=0.3)
 @_rule("logical", "NOT not_:wanted (COMMA | STOP)+ &_verb b:done", cost=0.5)
 def _but(b: Steps, not_: Steps = ()) -> Steps:
-    """Read "don't go to the sofa, go to the table", "not the sofa. Go to the table"."""
-    return b
+    """Read "don't go to the sofa, go to the table", "not the sofa. Go to the table", "not the red one. Go there"."""
+    no = [one for step in not_ if isinstance(step, Do) for one in step.phrases if one.base == ONE != one.text]
+    if not no or not isinstance(b[0], Do) or not any(IT in one.text for one in b[0].phrases):
+        return b
+    if len(no) > 1 or b[0].phrases[0].text != IT:
+        raise CommandError("")
+    rest = replace(b[0].phrases[0], text=f"minus({ONE}, {no[0].whole or no[0].text})", base=ONE, any=False)
+    return (replace(b[0], phrases=(rest,)), *b[1:])
 
 
-@_rule("declared", "(relation COMMA?)* exist:EXIST HERE? _dets (ROW OF _dets)? pre* noun (post | IT)*", cost=-0.25)
+@_rule("declared", "relation+ IS _dets pre* noun post*", cost=-0.2)
+@_rule(
+    "declared",
+    "ANYWHERE? (relation COMMA?)* exist:EXIST HERE? _dets (ROW OF _dets)? pre* noun (post | IT)*",
+    cost=-0.25,
+)
 @_rule("introduced", "(SEE | SEEQ) _dets (row:ROW OF _dets)? pre* noun (post | IT)*")
+@_rule("introduced", "LOOK AT? _dets row:ROW OF _dets pre* noun (post | IT)*")
 def _introduced(
     noun: Noun,
     pre: Sequence[Parts] = (),
@@ -1675,7 +1740,7 @@ def _take_one(verb: str, targets: tuple[Phrase, ...], n: int = 0) -> Steps:
     chosen = all(one.base in (ONE, SAME) and one.text != IT for one in targets)
     picked = all(one.word in _TAKEN or one.text.startswith(("nth(", "first(order(")) for one in targets)
     if verb not in ("take", "do", "pick", "get") or not (
-        chosen or (verb == "do" and n == 1) or (verb in ("take", "pick") and picked)
+        chosen or (verb == "do" and (n == 1 or targets[0].many)) or (verb in ("take", "pick") and picked)
     ):
         raise CommandError("")
     return _go_to(targets)
@@ -1700,7 +1765,17 @@ def _items(item: Steps, next: Sequence[tuple[bool | None, Steps]] = ()) -> Steps
             raise CommandError("")  # "how many boxes are there hiding under the bed?" moves nothing
     if not joined and any(b and not a for a, b in pairwise(named)):
         raise CommandError("")  # "the bar: second stool" is one thing, told twice
-    steps = [*item, *(step for _, steps in next for step in steps)]
+    steps = [*item]
+    for joint, more in next:
+        if joint is not False or [*more] != [*_turn_around()] or steps[-1:] != [*more]:
+            steps += more  # but "about-face! Look the other way" says one turn twice
+    for at, (before, step) in enumerate(pairwise(steps)):  # "go to a chair, not the red one, take me there"
+        if (
+            isinstance(before, Do)
+            and isinstance(step, Do)
+            and f"minus({ONE}, " in "".join(p.text for p in step.phrases)
+        ):
+            steps[at] = Do((), before.phrases[:1])
     for at in range(len(steps) - 1, 0, -1):  # "if …; if …; otherwise …": the otherwise is that of all
         first, second = steps[at - 1 : at + 1]
         if isinstance(first, Choose) and isinstance(second, Choose) and second.otherwise and not first.otherwise:
@@ -1711,6 +1786,20 @@ def _items(item: Steps, next: Sequence[tuple[bool | None, Steps]] = ()) -> Steps
 @_rule("start", "_mayhap items (COMMA | STOP | THEN)*")
 def _start(items: Steps) -> Steps:
     return items
+
+
+@_rule(
+    "start",
+    "_mayhap (n:whole LAP | (MAKE (DET | IT | THAT)*)? times) COMMA? STOP items (_mayhap AGAIN)? _mayhap",
+    "_mayhap items (COMMA | AND | THEN | STOP)+ AGAIN _mayhap",
+    cost=-0.5,
+)
+def _so_many_times(items: Steps, n: int = 0, times: int = 0) -> Steps:
+    """Read "do this two times: the fridge, then the sink", "two rounds: ..., and the same again"."""
+    number = max(n, times) if n or times else 2
+    if not 1 <= number <= _MAX_TIMES:
+        raise CommandError(f"an order can be repeated from 1 to {_MAX_TIMES} times, found {number}")
+    return (Repeat(number, items),) if number > 1 else items
 
 
 @_rule(

@@ -76,7 +76,7 @@ _INDIFFERENT: Final = re.compile(
     r"(?:the |its |their )?(?:order|sequence|rest|reason|way|how|which(?: one)?|it|that) (?:really )?"
     r"(?:is(?:n['’]?t| not)|do(?:es)?(?:n['’]?t| not)) (?:really )?(?:important|relevant|matter|of importance)|"
     r"(?:no matter|never mind|regardless of)(?= the\b)|in (?:whatever|whichever|any) order)\b[^,.;!?]*"
-    r"|[,.;]?\s*\bany order (?:is|will|would)\b[^,.;!?]*"
+    r"|[,.;]?\s*\b(?<!in )any order\b[^,.;!?]*"
     r"|[,.;]?\s*\b(?:you (?:may |can )?(?:choose|pick|decide)(?: which(?: ones?)?| the order)?|"
     r"(?:which (?:\w+ )?|the order )?(?:is )?(?:entirely )?up to you)(?=\s*(?:[,.;!?]|$))"
 )
@@ -89,7 +89,8 @@ _TAG: Final = re.compile(
 )
 """Small questions at the end: "..., would you?"."""
 _HEADING: Final = re.compile(
-    r"^\W*(?:[\w'’]+ ){0,3}(?:tour|tour time|rounds?|plan|route|mission|task|errand|job|trip|schedule|lap|"
+    rf"^\W*(?!(?:[\w'’]+ ){{0,3}}?(?:\d+|{'|'.join([*NUMBERS][1:])})\b)(?:[\w'’]+ ){{0,3}}"
+    r"(?:tour|tour time|rounds?|plan|route|mission|task|errand|job|trip|schedule|lap|"
     r"circuit|loop|zigzag|itinerary|things|stops|places|errands|stations)(?: for (?:me|us))?\s*[:!]"
     r"|^\W*let us (?:see|find out|check) how [^,.;:!?]*[:,.!]"
     r"|^\W*before (?:we|you|i) (?:leave|go|start|begin)\s*[:,]"
@@ -120,7 +121,8 @@ _MODAL: Final = re.compile(
 """What is asked by way of a possibility: "might the bag be under the bench"."""
 _ALL_OF: Final = re.compile(
     r",\s*(?:every (?:single )?one|all(?: \w+)?|both|each(?: and every)?(?: one)?|the lot) of "
-    r"(?:them|those)(?=\s*(?:[,.;!?]|$))"
+    r"(?:them|those)(?=\s*(?:[,.;!?]|$))|,\s*(?:both|all)(?: (?:the )?\w+)? together(?=\s*(?:[,.;!?]|$))"
+    r"|,\s*(?:the |its )?\w+ and all(?=\s*(?:[,.;!?]|$))"
 )
 """What only repeats that all are meant: "the bins, every one of them"."""
 _WHO_PUT_DOWN: Final = re.compile(
@@ -181,7 +183,7 @@ _STATEMENT: Final = re.compile(
     r"can|could|did|does|left|lost|came|went|forgot|put|dropped|fell|hid|sat|slept|stood|took|threw|bought|brought|broke|thought|"
     r"knew|met|made|saw|gave|got|found|kept|ate|drank|wrote|ran|hung|meant|sold|spilt|\w+n['’]?t|\w{2,}ed)\b"
     r"|(?:\w+ ){1,3}(?:is|are|was|were) (?:\w+ )?\w{2,}ing\b"
-    r"|(?:my|our|his|her) \w+ \w+s\b|(?:he|she) \w+s\b|\w+s (?:are|were|have)\b|.*\bwrong (?:way|direction|side)\b"
+    r"|(?:my|our|his|her) \w+ \w+s\b|(?:he|she|it) \w+s\b|\w+s (?:are|were|have)\b|.*\bwrong (?:way|direction|side)\b"
     r"|(?:here is|there is) .*)"
 )
 """A clause that says how things are."""
@@ -203,6 +205,7 @@ _LIMITS: Final = re.compile(
 )
 """Words that say what is to be done, or not to be, also in a statement."""
 
+_MISSED: Final = re.compile(r"\b(?:can|could)(?:not|n?['’]?t| not) (?:find|see|locate|spot|remember)\b")
 
 _NAMED: Final = (KNOWN_THINGS | COLOR_WORDS | set(ORDINALS)) - {
     "thing",
@@ -238,6 +241,7 @@ def plainly(text: str) -> str:
     said = _GOT.sub(r"does \1 have", said)
     said = re.sub(r"(^\W*|[,.;:!?] *|then )should (?!i\b|we\b|you\b)([^,.;:!?]{2,60}?) be\b", r"\1if \2 is", said)
     said = re.sub(r", not (?:this|that) (?:one|\w+), (?=the\b)", ", ", said)
+    said = re.sub(r"\bon (?:the|this) spot\b", "", said)
     said = re.sub(r"\bplease to (?!the\b|an?\b|my\b|our\b|your\b|this\b|that\b|some\b)", "please ", said)
     said = _MODAL.sub(r"is \1", said)
     said = _ATTRIBUTE.sub("what is the ", said)
@@ -247,7 +251,7 @@ def plainly(text: str) -> str:
     said = re.sub(r"\b2(?= (?:the|my|your|our|this|that)\b)", "to", said)
     said = re.sub(r"(^\W*|[,.;:!] *|then )off to\b", r"\1go to", said)
     said = re.sub(r"\bw/\s*", "with ", _ALL_OF.sub("", _WHO_PUT_DOWN.sub(" ", said)))
-    said = re.sub(r"\b(?:my|our|the|his|her) \w+ (?=(?:wants?|needs?|would like|would love) to\b)", "i ", said)
+    said = re.sub(r"\b(?:my|our|the|his|her) (?:\w+ ){1,2}(?=(?:wants?|needs?|would like|would love) to\b)", "i ", said)
     said = re.sub(r"\bi (?:wants|needs) to\b", "i want to", said)
     said = re.sub(r"\b(?:any|either|whichever)(?: one)? of (?=(?:the|my|our|your|these|those|them)\b)", "one of ", said)
     said = re.sub(r"\bits (?=(?:the|an?|not|in|on|at|under|near|next|behind)\b)", "it is ", said)
@@ -287,7 +291,7 @@ def is_wish(clause: str) -> bool:
 
 def is_statement(clause: str, *, names_things: bool) -> bool:
     """Whether a clause says how things are, and nothing about what is to be done."""
-    limited = _WANTED.search(clause) or (names_things and _LIMITS.search(clause))
+    limited = _WANTED.search(clause) or (names_things and _LIMITS.search(_MISSED.sub("", clause)))
     return _STATEMENT.match(clause) is not None and not limited
 
 
@@ -336,11 +340,12 @@ _COST_OF_WORD: Final = 0.3
 _COST_OF_HOMONYM: Final = 0.05
 _COST_OF_KNOWN: Final = 0.5
 """Of a word that is known, but may stand before a noun without telling anything of it."""
-_FINITE: Final = re.compile(r"is|are|was|ha[sd]|have|holds|(?:stand|sit|lie|hang)s?")
+_FINITE: Final = re.compile(r"is|are|was|ha[sd]|have|hasn|haven|lacks|holds|(?:stand|sit|lie|hang)s?")
 """What makes a statement of "the desk has a plant on it"."""
 _PARTICLES: Final = re.compile(r"out|over|up|down|back|along|off|around")
 _PLACING: Final = frozenset(["IN", "AT", "BY", "NEAR", "ON", "UNDER", "BEHIND", "BETWEEN", "FRONT", "OPPOSITE"])
 """Where something is: a particle before it says no more."""
+_RELATIVES: Final = frozenset(["that", "which", "who", "where"])
 _BEFORE_NOUNS: Final = frozenset(["the", "a", "an", "my", "your", "our", "this", "that", "these", "those"])
 _TELLING: Final = re.compile(
     r"COLOR|SHAPE|SIZE|SUPER|MORE|ORD|NUM|ONE|NEAREST|FARTHEST|OTHER|EMPTY|TAKEN|ALONE|MOST|LEFT|RIGHT|NORTH|SOUTH|EAST|"
@@ -362,9 +367,10 @@ class Sentence:
     @property
     def unknown(self) -> tuple[str, ...]:
         """Words that are not known at all."""
-        within = {at for here, edges in enumerate(self.edges) for edge in edges for at in range(here + 1, edge.end)}
+        known = [(here, edge) for here, edges in enumerate(self.edges) for edge in edges if edge.kind != "CLAUSE"]
+        within = {at for here, edge in known for at in range(here + 1, edge.end)}
         words = enumerate(zip(self.words, self.edges, strict=False))
-        found = [w for at, (w, edges) in words if at not in within and all(e.kind == "WORD" for e in edges)]
+        found = [w for at, (w, edges) in words if at not in within and all(e.kind in ("WORD", "CLAUSE") for e in edges)]
         return tuple(dict.fromkeys(found))
 
 
@@ -456,6 +462,12 @@ def _edges(kind: str, words: Sequence[str], at: int, vocabulary: Vocabulary) -> 
         for length, tokens in _phrases(words[at + 1 : at + 1 + MAX_PHRASE]):
             placing = [(name, value) for name, value in tokens if name in _PLACING]
             yield from (Edge(name, value, at + 1 + length, _COST_OF_HOMONYM) for name, value in placing)
+    if at and words[at] in _RELATIVES:
+        end = next((i for i in range(at, len(words)) if words[i] in _STOPS), len(words))
+        said = words[at + 1 + (words[at + 1 : at + 2] == ("one",)) : end]
+        strange = (i for i in range(at + 1, end) if not any(_readings("word", words, i, vocabulary)))
+        if not _LIMITS.search(" ".join(said)) and any((words[i],) not in PHRASES for i in strange):
+            yield Edge("CLAUSE", " ".join(words[at:end]), end)
     if not found:
         yield Edge("WORD", words[at], at + 1)
         if (at == 0 or words[at - 1] in _BEFORE_ORDERS) and _MOTION.match(after):

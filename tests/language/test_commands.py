@@ -351,6 +351,46 @@ def test_what_is_told_before_an_order_is_what_it_speaks_of() -> None:
             'tell(minus(near(things("anything"), nearest(things("couch"))), things("chair")), "what")',
         ),
         ("chair number 2 from the left", 'robot.move_to_object(nth(order(things("chair"), "left"), 2))'),
+        ("go to the chair, the red", 'robot.move_to_object(colored(things("chair"), "red"))'),
+        ("go to the chair, it is red", 'robot.move_to_object(colored(things("chair"), "red"))'),
+        (
+            "I want to sit on a chair. Just not the red one, it hurts. Take me there.",
+            'robot.move_to_object(minus(things("chair"), colored(things("chair"), "red")))',
+        ),
+        ("About-face! Look the other way.", "robot.turn(180)"),
+        (
+            "the red couch, the little sofa",
+            'robot.move_to_object(first(order(colored(things("couch"), "red"), "small")))',
+        ),
+        (
+            "Two rounds: the couch, then the chair.",
+            'for turn in [1, 2]:\n    robot.move_to_object("couch")\n    robot.move_to_object("chair")',
+        ),
+        (
+            "go to the couch, then to the chair, and the same again",
+            'for turn in [1, 2]:\n    robot.move_to_object("couch")\n    robot.move_to_object("chair")',
+        ),
+        ("Don't drive, only look at the couch.", 'robot.face("couch")'),
+        (
+            "In the kitchen are two chairs. Go to the left one.",
+            'robot.move_to_object(first(order(nearest(inside(things("chair"), room("kitchen")), 2), "left")))',
+        ),
+        (
+            "Count the chairs. Fewer than five? Then go to the couch. Otherwise to the table.",
+            'tell(things("chair"), "count")\nif count(things("chair")) < 5:\n    robot.move_to_object("couch")\n'
+            'else:\n    robot.move_to_object("dining table")',
+        ),
+        (
+            "are there as many chairs in the kitchen as in the office?",
+            'tell(count(inside(things("chair"), room("kitchen"))) == count(inside(things("chair"), room("office"))), '
+            '"whether")',
+        ),
+        ("in which room are the most chairs?", 'tell(first(order(rooms(), "many", things("chair"))), "which")'),
+        (
+            "go to the couch in a room with a chair and no table, no plant",
+            'robot.move_to_object(inside(things("couch"), without(without(having(rooms(), "chair"), "dining table"), '
+            '"potted plant")))',
+        ),
     ],
 )
 def test_corrections_additions_and_returns_are_kept(said: str, program: str) -> None:
@@ -388,6 +428,7 @@ def test_talk_around_an_order_is_left_out_with_a_note(said: str, left_out: str) 
         "go to the couch and again",  # how often
         "go to the couch, no",  # what else
         "turn left but skip the first",  # which
+        "Go to a chair. The red one is wobbly.",
     ],
 )
 def test_words_that_may_matter_are_never_left_out(said: str) -> None:
@@ -404,6 +445,19 @@ def test_an_unknown_adjective_is_left_out_only_where_one_thing_can_be_meant(coun
     else:
         with pytest.raises(CommandError, match="suspicious"):
             read_command("go to the suspicious suitcase", {"suitcase": count})
+
+
+@pytest.mark.parametrize(("count", "understood"), [(1, True), (2, False)])
+def test_a_clause_with_unknown_words_is_left_out_only_where_one_thing_can_be_meant(
+    count: int, understood: bool
+) -> None:
+    if understood:
+        reading = read_command("go to the couch where one snoozes", {"couch": count})
+        assert reading.program == 'robot.move_to_object("couch")'
+        assert '"where one snoozes" is left out: the map has one couch' in reading.notes
+    else:
+        answered = answer(toy_map(), "go to the chair where one snoozes", pose=TOY_POSE)
+        assert answered.status == "refused"
 
 
 def test_words_of_phrases_are_no_misspellings_of_things() -> None:

@@ -11,7 +11,7 @@ from simaps_viz.language.grammar import Chart, Edge, Grammar
 from simaps_viz.language.orders import GRAMMAR
 from simaps_viz.language.words import PHRASES
 
-MADE = {"FINITE", "INTER", "MOST", "NOUN", "NOUNS", "NUM", "ONE", "ORD", "PLACE", "WORD"}
+MADE = {"CLAUSE", "FINITE", "INTER", "MOST", "NOUN", "NOUNS", "NUM", "ONE", "ORD", "PLACE", "WORD"}
 """Tokens that are made of the map's names and of numbers."""
 
 
