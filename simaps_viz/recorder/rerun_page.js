@@ -4,8 +4,8 @@
 // ("recording:APPLICATION:ID") and "play" ("paused", "playing" or "following") may be given too; or
 // {"show": "/recordings/other.rrd"}.
 // Rerun to workbench: every viewer event (time_update, selection_change, recording_open, ...) as JSON to /rerun/event,
-// except the time_update that only echoes a time set from outside. A time_update tells its timeline too, and whether it
-// comes of following a stream.
+// except the time_update that only echoes a time set from outside. A time_update tells its timeline too, whether it
+// comes of following a stream, and whether anybody has touched this page yet.
 "use strict";
 
 // rerun tells its debugging 18,000 times while it opens a recording, which takes longer than opening it.
@@ -157,9 +157,11 @@ function restBetweenPictures() {
 // A view is chosen by a click in it, or on its name, where rerun shows a grabbing hand.
 const overName = () => document.getElementById("viewer").style.cursor.startsWith("grab");
 let pressedName = false;
+let touched = false; // whether somebody has pressed anything here: before that rerun moves by itself
 
 function watchInput() {
   window.addEventListener("pointerdown", () => (pressedName = overName()), true);
+  for (const what of ["pointerdown", "keydown"]) window.addEventListener(what, () => (touched = true), true);
   if (docked) window.addEventListener("keydown", passOn, true);
 }
 
@@ -304,6 +306,7 @@ function tell(event) {
   if (event.type === "time_update") {
     event.timeline = timeline;
     event.following = following;
+    event.touched = touched;
     told.set(timeline, Number(event.time));
   }
   if (event.type === "selection_change" && (pressedName || overName()))

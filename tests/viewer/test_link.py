@@ -52,6 +52,16 @@ def test_what_a_followed_stream_tells_late_moves_nothing():
     assert shown == [39, 12, 13]
 
 
+def test_a_recording_that_opens_slowly_does_not_take_the_page_to_its_first_frame():
+    link, host, shown = linked()
+    link.opened()
+    link._link._opened_s -= 60.0
+    link.reported(update(0, touched=False))
+    assert shown == [39] and host.pushed == [{"timeline": "frame", "time": 39}] * 2
+    link.reported(update(0, touched=True))
+    assert shown == [39, 0]
+
+
 def test_while_it_is_built_the_recording_follows_and_moves_nothing():
     link, host, shown = linked(building=True)
     link.reported({"type": "timeline_change", "timeline": "frame"})

@@ -137,12 +137,19 @@ class FrameLink:
         self._opened_s = self._clock()
         self.push(frame)
 
-    def accept(self, reported: int, current: int) -> bool:
-        """Whether a frame that the recorded build reports was chosen there, and is no echo."""
+    def accept(self, reported: int, current: int, *, touched: bool = True) -> bool:
+        """Whether a frame that the recorded build reports was chosen there, and is no echo.
+
+        Args:
+            reported: the frame.
+            current: that of the page.
+            touched: whether anybody has pressed anything there; a build that opens goes to the first frame by itself,
+                on a machine with other work long after it opened.
+        """
         now = self._clock()
         if reported == current or any(frame == reported and now - at < ECHO_S for frame, at in self._sent):
             return False
-        if reported == 0 and now - self._opened_s < SETTLE_S:
+        if reported == 0 and (not touched or now - self._opened_s < SETTLE_S):
             self.push(current)
             return False
         self._opened_s = float("-inf")  # somebody scrubs
@@ -277,14 +284,14 @@ class RecordingLink:
             items = [item for item in event["items"] if isinstance(item, dict)]
             self._page.worker.submit("recording click", lambda: self._select(items))
         elif kind == "time_update" and isinstance(event.get("time"), int | float) and not event.get("following"):
-            self._time_reported(timeline, int(event["time"]))
+            self._time_reported(timeline, int(event["time"]), touched=event.get("touched") is not False)
 
     def close(self) -> None:
         """Close the connection to the recorded build."""
         if self._host is not None:
             self._host.push(None, self._session)
 
-    def _time_reported(self, timeline: Any, time: int) -> None:
+    def _time_reported(self, timeline: Any, time: int, *, touched: bool) -> None:
         if timeline in ("louvain", "merge"):
             shown = self._page.shared.timeline(self._page.simap)
             position = self._steps.position_of(shown, timeline, time)
@@ -293,7 +300,7 @@ class RecordingLink:
         elif (
             timeline in ("frame", None)
             and 0 <= time < len(self._page.simap.frame_names)
-            and self._link.accept(time, self._page.frame)
+            and self._link.accept(time, self._page.frame, touched=touched)
         ):
             self._page.show_frame(time, also_recording=False)
 
