@@ -145,8 +145,11 @@ def test_texts_stand_beside_what_they_name_cover_nothing_of_it_and_follow_zoom_a
         return {"left": left, "right": right, "top": top, "bottom": bottom}
 
     chairs = simap.of_class("chair")
-    session.scene.show_candidates([label_of(f"{n} · {one.name}", one) for n, one in enumerate(chairs, 1)])
-    for text, box in written(3).items():
+    chosen = label_of("▶ 9", simap.of_class("couch")[0])
+    session.scene.show_candidates([chosen, *[label_of(f"{n} · {one.name}", one) for n, one in enumerate(chairs, 1)]])
+    placed = written(4)
+    assert placed.pop("▶ 9")
+    for text, box in placed.items():
         assert all(apart(box, seen(one)) for one in chairs)
         thing, wide = seen(chairs[int(text[0]) - 1]), box["width"] / 2 + 60
         assert thing["left"] - wide < box["left"] + box["width"] / 2 < thing["right"] + wide

@@ -327,9 +327,11 @@
     }
     hint.hidden = !under;
     writeAll(plain, under);
-    for (const [kind, text, ...label] of map ? texts : []) {  // what has a rank; the target is outlined on the map itself
-      const one = kind === 'command' && !text.startsWith('▶') && map.objects.get(label[8]);
-      if (one && one.cells) draw(context, one, true);
+    if (map && texts.some(([, text]) => text.startsWith('▶'))) {  // the ranks of others; the map itself outlines the target
+      for (const [kind, text, ...label] of texts) {
+        const one = kind === 'command' && !text.startsWith('▶') && map.objects.get(label[8]);
+        if (one && one.cells) draw(context, one, true);
+      }
     }
     if (map && pointed) for (const one of map.shown) if (one.label === pointed) draw(context, one, true);
     if (under) draw(context, under, false);
