@@ -167,6 +167,12 @@ def test_texts_stand_beside_what_they_name_cover_nothing_of_it_and_follow_zoom_a
     session.look_at((0.9, 0.3, 2.3, 0.7))
     until(page, lambda: len(page.evaluate(TEXTS)) > few)  # closer up there is room for more
     session.scene.show_candidates(())
+    session.scene.texts.show("why", [Label("0.3", x, y)])
+    until(page, lambda: [one["text"] for one in page.evaluate(TEXTS)] == ["0.3"])
+    session.scene.show_candidates([east])
+    until(page, lambda: [one["text"] for one in page.evaluate(TEXTS)] == ["east"])  # numbers of links wait
+    session.scene.show_candidates(())
+    session.scene.texts.show("why", ())
     session.select(chairs[0].id)
     session.look(SLANT)
     settled(bench, page, lambda camera: not upright(camera))

@@ -176,7 +176,7 @@
   const AT = [0, -1, 1, -2, 2, -3, 3];
   // What the page was sent: beside what it names, not over it, and whole where there is room; the first is always there.
   const writeTexts = (taken, under) => {
-    const flat = state.view === TOP, things = [], written = [];
+    const flat = state.view === TOP, things = [], written = [], isMeant = texts.some(([kind]) => kind === 'command');
     for (const [kind, text, x, y, reachX, reachY, awayX, awayY, z, reachZ] of texts) {
       const corners = [];
       for (const i of [-1, 1]) for (const j of [-1, 1]) for (const k of flat ? [0] : [-1, 1])
@@ -185,7 +185,7 @@
       const [xs, ys] = [0, 1].map((i) => corners.map((one) => one[i]));
       const thing = [Math.min(...xs), Math.min(...ys), Math.max(...xs), Math.max(...ys)];
       if (reachX || reachY) things.push(thing);
-      if (!text || (kind === 'selection' && under && under.id === state.selected)) continue;
+      if (!text || (kind === 'selection' && under && under.id === state.selected) || (kind === 'why' && isMeant)) continue;
       const away = awayX || awayY ? seenAt(x + awayX, y + awayY, flat ? 0 : z) : null;
       written.push({ kind, text, thing, away, isPoint: !reachX && !reachY && !away });
     }
