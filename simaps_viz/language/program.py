@@ -6,6 +6,7 @@ Nothing is ever handed to Python to run: ``interpreter`` walks the tree.
 """
 
 import ast
+import math
 import re
 import unicodedata
 import warnings
@@ -254,9 +255,12 @@ def check_argument(parameter: Parameter, kind: str, value: object = None) -> str
         kind: of value, as `kind_of` names it; "any" where it is not known yet.
         value: the value itself, where it is known.
     """
+    numbers = [one for one in (value if isinstance(value, list) else [value]) if isinstance(one, float)]
+    unknown = parameter.type != "value" and not all(map(math.isfinite, numbers))  # such as the size of what has none
     found = repr(value) if isinstance(value, str | int | float) else IN_WORDS.get(kind, kind)
+    found = "a number that is not known" if unknown else found
     wanted = f"{parameter.name}: expected {ARGUMENT_KINDS[parameter.type]}, found {found}"
-    if kind != "any" and kind not in _ACCEPTS.get(parameter.type, ("text",)):
+    if unknown or (kind != "any" and kind not in _ACCEPTS.get(parameter.type, ("text",))):
         return wanted
     match value:
         case str() if parameter.type in CHOICES:

@@ -981,6 +981,8 @@ class Sets(Grounding):
 
     def _spot(self, T: Any, side: str, metres: float | None) -> Position:
         room = self.room_of(T)
+        if room is not None and side == "level":
+            raise CommandError(f"a robot is level with a thing, not with {room.name}")
         if room is not None:
             return self._end_of_room(room, side)
         thing = self.thing_of(T)

@@ -192,7 +192,13 @@ class GrowingMap:
             self.notes.append(f"no floor was found, so the world's height 0 is taken for it ({error})")
         self.T_map_world = map_from_world((0.0, 0.0, 1.0), height_m)
         waiting, self._waiting = self._waiting, []
-        return [event for shot in waiting for event in self._put_on_map(shot)]
+        events = []
+        for shot in waiting:
+            try:
+                events += self._put_on_map(shot)
+            except InputError:  # one pose that is far off costs one frame
+                self.contradicting += 1
+        return events
 
     @property
     def is_placed(self) -> bool:
@@ -604,8 +610,8 @@ class LiveRun:
             return
         if self.growing.contradicting > left_out:
             self.traffic.drop("contradicts the map")
-            return
-        self.traffic.place(shot)
+        else:
+            self.traffic.place(shot)
         for event in events:
             notify(observers, event)
 

@@ -308,6 +308,11 @@ REFUSED: dict[str, tuple[str, str]] = {
         "2: move_in_between: There is only 1 couch",
     ),
     "object called robot": ("robot.move_to_object('robot')", "1: move_to_object: There is no robot on this map"),
+    "drive as far as nobody knows": (
+        'robot.move_forward(size("chair", "lightness"))',
+        "1: move_forward: meters: expected a number, found a number that is not known",
+    ),
+    "level with a room": ('robot.move_to(spot(room(), "level"))', "1: spot: a robot is level with a thing, not with"),
 }
 
 _CONTOUR = "for {} in robot.get_contour('couch'):"

@@ -2,6 +2,7 @@
 
 import json
 import threading
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -226,3 +227,15 @@ def test_what_is_compiled_beforehand_votes_and_looks_below_tops():
     simap = warm_up(config)
     assert simap.provenance["disagreement"] >= config.votes.exact_below
     assert simap.surface is not None and "cup" in {one.label for one in (*simap.instances, *simap.hidden)}
+
+
+def test_a_pose_that_is_far_off_costs_one_frame_also_while_the_floor_is_looked_for(tiny):
+    source = PlayedSequence(tiny, at_pace=False)
+    source.T_map_world = None
+    growing = GrowingMap(source, BuildConfig())
+    shots = [shot for _ in range(5) if (shot := source.take(0.0)) is not None]
+    lost = shots[2].frame.T_world_camera.copy()
+    lost[0, 3] = 1e30
+    shots[2] = replace(shots[2], frame=replace(shots[2].frame, T_world_camera=lost))
+    events = [event for shot in shots for event in growing.add(shot)]
+    assert len(events) == growing.frames == 4 and growing.contradicting == 1
