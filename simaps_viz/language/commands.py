@@ -189,13 +189,14 @@ class _Aside:
 
 
 def _tells_apart(clause: Sentence, program: str) -> bool:
-    """Whether a clause has a colour that a program lacks, or speaks of "the big one", "it" or "they" and how it is."""
+    """Whether a clause has a colour and a program none, or speaks of "the big one", "it" or "they" and how it is."""
     if clause.words[:1] == ("forget",):  # "actually the big one, forget the little one"
         return False
     back, before = False, set[str]()
     for at, here in enumerate(clause.edges[:-1]):
         kinds = {edge.kind for edge in here}
-        if kinds == {"COLOR"} and not any(quoted(edge.value) in program for edge in here):
+        # "The red chair is broken, go to the yellow one" has a colour of its own.
+        if kinds == {"COLOR"} and "colored(" not in program:
             return True
         if at and not kinds.isdisjoint(("ONE", "ONES")) and before & _BEFORE_ONE:
             return True

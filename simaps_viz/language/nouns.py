@@ -32,8 +32,8 @@ _MAX_DEPTH: Final = 18
 _MAX_REPEATED: Final = 120
 """Characters of what things are near, up to which the nearest to it is taken rather than the first near it."""
 _SIDES: Final = ("left", "right", "north", "south", "east", "west", "middle")
-_ALL: Final = re.compile(r'things\(("[^"]*")\)')
-_IN_ROOM: Final = re.compile(r'inside\(things\("[^"]*"\), (room\("[^"]*"\))\)')
+ALL: Final = re.compile(r'things\(("[^"]*")\)')
+IN_ROOM: Final = re.compile(r'inside\(things\("[^"]*"\), (room\("[^"]*"\))\)')
 _VAGUE: Final = re.compile(r'only\((?:things\("[^"]*"\)|‹one›), "([^"]*)"\)')
 _RANKED: Final = re.compile(r'nth\(things\(("[^"]*")\), (\d+)\)')
 
@@ -79,7 +79,7 @@ class Phrase:
     @property
     def argument(self) -> str:
         """Return it as an argument that takes a name too."""
-        found = _ALL.fullmatch(self.text)
+        found = ALL.fullmatch(self.text)
         return found[1] if found else self.text
 
     @property
@@ -90,7 +90,7 @@ class Phrase:
             return f"{found[1]}, {found[2]}"
         # The first of a set, and the nearest of things, is what a primitive takes without being told.
         inner = self.text.removeprefix("nearest(").removesuffix(")")
-        return replace(self, text=inner).argument if _ALL.fullmatch(inner) else self.argument
+        return replace(self, text=inner).argument if ALL.fullmatch(inner) else self.argument
 
     @property
     def goal(self) -> str:
@@ -110,9 +110,9 @@ class Phrase:
             )
         ):
             return self.text
-        if self.lone and _ALL.fullmatch(self.text):
+        if self.lone and ALL.fullmatch(self.text):
             return self.text
-        return f"{'nearest' if _ALL.fullmatch(self.text) else 'first'}({self.text})"
+        return f"{'nearest' if ALL.fullmatch(self.text) else 'first'}({self.text})"
 
     @property
     def measure(self) -> str:
@@ -615,6 +615,7 @@ def _from_side(side: str, n: float = 0) -> Parts:
     return (*(_ranked(int(n)) if n else ()), Part("order", side), Part("counted"))
 
 
+GRAMMAR.words("_described", "adjective")
 GRAMMAR.words("_side", "side")
 GRAMMAR.words("_key", "key")
 GRAMMAR.words("_number", "whole")
@@ -871,16 +872,38 @@ def _the_red_one(adjective: Parts, post: Sequence[Parts] = ()) -> Parts:
     return (*(replace(part, number=1, outer=part.text.startswith("colored(")) for part in adjective), *_flat(post))
 
 
-@_rule("post", "(COMMA | STOP) IT IS+ (relation | adjective)", cost=0.2)
-def _and_it_is(relation: Parts = (), adjective: Parts = ()) -> Parts:
-    """Read "the chair, it is by the window"."""
-    return (*relation, *adjective)
+@_rule(
+    "post",
+    "(COMMA | STOP | BUT)+ IT (IS | negation:NOT)+ (relation | adjective | DET adjective ONE)",
+    "(COMMA | STOP | BUT)+ IT &(WITH | WITHOUT) relation",
+    "(COMMA | STOP)+ NEED DET adjective ONE",
+    cost=0.2,
+)
+def _and_it_is(relation: Parts = (), adjective: Parts = (), negation: Sequence[str] = ()) -> Parts:
+    """Read "the chair, it is by the window", "the desk. It must not be red", "the desk, it has a plant on it"."""
+    return tuple(_negated(part) for part in (*relation, *adjective)) if negation else (*relation, *adjective)
 
 
-@_rule("post", "COMMA DET pre* name:NOUN !(COMMA | AND | OR)", cost=0.1)
+@_rule("post", "(COMMA | STOP)+ exist:EXIST np (ON | AT | UNDER | NEAR) IT", cost=0.2)
+def _and_there_is(exist: str, np: Phrase) -> Parts:
+    """Read "the desk, there is a laptop on it"."""
+    if not exist.startswith("there"):  # "go to the desk. Is there a laptop on it?"
+        raise CommandError("")
+    return _having(np)
+
+
+@_rule("post", "COMMA DET pre* name:NOUN !(COMMA? (AND | OR) | COMMA DET)", cost=0.1)
 def _also_called(name: Noun, pre: Sequence[Parts] = ()) -> Parts:
     """Read "the footstool, the little ottoman": one thing by two names."""
     return (Part("alias", name.spoken, name.label), *_flat(pre))
+
+
+@_rule("post", "COMMA said:INDEF pre* name:NOUN", cost=-0.2)
+def _any_of_them(said: str, name: Noun, pre: Sequence[Parts] = ()) -> Parts:
+    """Read "a chair, any chair"."""
+    if said != "any":
+        raise CommandError("")
+    return (Part("alias", "", name.label), *_flat(pre))
 
 
 @_rule("relation", "COMMA? INCLUDING np", "COMMA? np INCLUDED")
@@ -1104,7 +1127,7 @@ def _neither(a: Parts, b: Parts) -> Parts:
     return tuple(_negated(part) for part in (*a, *b))
 
 
-@_rule("post", "STOP EXCEPT &(DET ONE) targets", cost=0.2)
+@_rule("post", "STOP EXCEPT TO? &(DET _described? ONE) targets", cost=0.2)
 @_rule("post", "COMMA? EXCEPT TO? targets", cost=-0.05)
 def _except(targets: tuple[Phrase, ...]) -> Parts:
     corrected = LAST in targets[-1].text  # "not the big one, the other one"
@@ -1329,7 +1352,7 @@ def _two(n: Phrase) -> tuple[Phrase, Phrase]:
     if number and int(number[1]) != 2:
         raise CommandError(f"between takes two things, not {number[1]}")
     plainly = re.fullmatch(r"nearest\((things\(\"[^\"]*\"\)), 2\)", n.text)
-    if plainly or _ALL.fullmatch(n.text):
+    if plainly or ALL.fullmatch(n.text):
         whole = replace(n, text=plainly[1] if plainly else n.text, many=False)
         return whole, whole
     return replace(n, text=f"nth({n.text}, 1)", many=False), replace(n, text=f"nth({n.text}, 2)", many=False)
@@ -1355,8 +1378,8 @@ def _several(one: Phrase, np: tuple[Phrase, ...], joint: tuple[bool, ...]) -> tu
     phrases = lent((one, *np))
     if joint == (False,) and phrases[1].text.startswith(("nth(", "first(", "nearest(", "farthest(")):
         raise CommandError("")  # "the chairs at the table, the left one" may be one thing
-    room = _IN_ROOM.fullmatch(phrases[-1].text)
-    if room and all(phrase.many and _ALL.fullmatch(phrase.text) for phrase in phrases[:-1]):
+    room = IN_ROOM.fullmatch(phrases[-1].text)
+    if room and all(phrase.many and ALL.fullmatch(phrase.text) for phrase in phrases[:-1]):
         # "each chair and each table in the living room": all of them are in it
         phrases = tuple(replace(p, text=f"inside({p.text}, {room[1]})", whole="") for p in phrases[:-1]) + phrases[-1:]
     return phrases

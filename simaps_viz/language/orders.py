@@ -8,8 +8,10 @@ from typing import Any, Final
 from simaps_viz.errors import CommandError
 from simaps_viz.language.nouns import (
     AHEAD,
+    ALL,
     CORNERS,
     GRAMMAR,
+    IN_ROOM,
     IT,
     LAST,
     ONE,
@@ -680,6 +682,7 @@ def _forward(distance: Measure = _ONE_METRE) -> Steps:
     "BACKUP ((BY | FOR)? distance)? | BACK distance | _step _backward ((BY | FOR)? distance)? | RETURN (BY | FOR)? "
     "distance | (_step | MAKE) distance _backward | BACKWARD ((BY | FOR)? distance)? | distance _backward",
 )
+@_rule("order", "(_step | MAKE) distance (COMMA | STOP)+ _backward", cost=-0.1)
 def _backward(distance: Measure = _ONE_METRE) -> Steps:
     return (Do((f"robot.move_forward({distance.negated})",), (), distance.note),)
 
@@ -1358,6 +1361,9 @@ def _of_its_name(phrase: Phrase, parts: Parts) -> Phrase:
 @_rule("condition", "EXIST counted:COUNTED a:np THAN (b:np | relation)", cost=-0.3)
 def _counts(counted: str, a: Phrase, b: Phrase | None = None, relation: Parts = ()) -> Condition:
     b = b or _of_its_name(a, relation)
+    room = IN_ROOM.fullmatch(a.text)
+    if room and ALL.fullmatch(b.text):  # "more chairs in the kitchen than windows"
+        b = _changed(b, f"inside({b.text}, {room[1]})")
     phrases = tuple(_changed(one, one.whole or one.text, many=False) for one in (a, b))
     return f"count({{0.text}}) {'>' if counted == 'more' else '<'} count({{1.text}})", phrases
 
@@ -1707,6 +1713,8 @@ def _taken_from(steps: Steps, topic: Phrase, group: Phrase) -> Steps:
         if taken == phrases:
             break
         found.append(replace(step, phrases=taken))
+        if isinstance(step, Do) and not step.lines:  # what follows speaks of what is only named here
+            break
     if not found:
         raise CommandError("")
     return (*found, *steps[len(found) :])
@@ -1722,7 +1730,8 @@ def _taken(phrase: Phrase, topic: Phrase, group: Phrase, *, told: bool, first: b
     if not first or IT not in phrase.text:
         return phrase
     if phrase.text != IT:
-        return replace(phrase, text=phrase.text.replace(IT, topic.single))
+        text, base, whole = (one.replace(IT, topic.single) for one in (phrase.text, phrase.base, phrase.whole))
+        return replace(phrase, text=text, base=base, whole=whole)
     if told:
         return replace(
             topic, text=topic.whole if topic.many and topic.whole else topic.text, many=False, together=topic.many
@@ -1769,13 +1778,6 @@ def _items(item: Steps, next: Sequence[tuple[bool | None, Steps]] = ()) -> Steps
     for joint, more in next:
         if joint is not False or [*more] != [*_turn_around()] or steps[-1:] != [*more]:
             steps += more  # but "about-face! Look the other way" says one turn twice
-    for at, (before, step) in enumerate(pairwise(steps)):  # "go to a chair, not the red one, take me there"
-        if (
-            isinstance(before, Do)
-            and isinstance(step, Do)
-            and f"minus({ONE}, " in "".join(p.text for p in step.phrases)
-        ):
-            steps[at] = Do((), before.phrases[:1])
     for at in range(len(steps) - 1, 0, -1):  # "if …; if …; otherwise …": the otherwise is that of all
         first, second = steps[at - 1 : at + 1]
         if isinstance(first, Choose) and isinstance(second, Choose) and second.otherwise and not first.otherwise:

@@ -354,10 +354,31 @@ def test_what_is_told_before_an_order_is_what_it_speaks_of() -> None:
         ("go to the chair, the red", 'robot.move_to_object(colored(things("chair"), "red"))'),
         ("go to the chair, it is red", 'robot.move_to_object(colored(things("chair"), "red"))'),
         (
-            "I want to sit on a chair. Just not the red one, it hurts. Take me there.",
+            "I must stretch out on a chair. Just not the red one, it hurts. Take me there.",
             'robot.move_to_object(minus(things("chair"), colored(things("chair"), "red")))',
         ),
         ("About-face! Look the other way.", "robot.turn(180)"),
+        (
+            "go to a chair, it must not be red",
+            'robot.move_to_object(minus(things("chair"), colored(things("chair"), "red")))',
+        ),
+        ("go to the couch. It has a plant on it.", 'robot.move_to_object(having(things("couch"), "potted plant"))'),
+        ("go to the couch, there is a plant on it", 'robot.move_to_object(having(things("couch"), "potted plant"))'),
+        ("go to a chair. I'd prefer a red one.", 'robot.move_to_object(colored(things("chair"), "red"))'),
+        ("head to a chair, any chair", 'robot.move_to_object("chair")'),
+        ("go to the couch and mind the plants", 'avoid("potted plant")\nrobot.move_to_object("couch")'),
+        ("drive three metres. Backwards.", "robot.move_forward(-3)"),
+        (
+            "See the table? There are two chairs next to it. Go to the left one.",
+            'robot.move_to_object(first(order(nearest(near(things("chair"), nearest(things("dining table")), 3), 2, '
+            'nearest(things("dining table"))), "left")))',
+        ),
+        (
+            "are there fewer chairs in the kitchen than tables?",
+            'tell(count(inside(things("chair"), room("kitchen"))) < count(inside(things("dining table"), '
+            'room("kitchen"))), "whether")',
+        ),
+        ("the red chair is broken, go to the green one", 'robot.move_to_object(colored(things("chair"), "green"))'),
         (
             "the red couch, the little sofa",
             'robot.move_to_object(first(order(colored(things("couch"), "red"), "small")))',
