@@ -10,7 +10,7 @@ Frames are looked at in four passes; those on disk are read for each, so memory 
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -30,6 +30,11 @@ _GAP = 2
 """Nodes of neighbouring cells are near across fewer free steps (10 cm)."""
 _TOP_STEPS = 3
 """The node that the map shows reaches at least so close to the cell's top."""
+_TOUCHING_BELOW = 0.3
+"""Below tops, so much of what is imagined of two parts that touch is *same*: there, things of a class stand close to
+each other in shelves, and no frame need show both."""
+_REMNANT = 20
+"""Groups of fewer nodes join what they touch by the belief of the map, `PoolSettings.touching_same`."""
 _MIN_FRAMES = 2
 _FLUSH = 1 << 20
 
@@ -567,10 +572,11 @@ class _Partition:
         unit = (unit - 1).astype(np.int32)
         unit[self.lower] = community + tops
         units = tops + int(community.max(initial=-1)) + 1
-        pooled, seen_in, named = self._pooled(seen, sight, unit, tops, units)
+        nodes_of = np.bincount(unit, minlength=units)
+        pooled, seen_in, named = self._pooled(seen, sight, unit, tops, nodes_of)
         touching = np.unique(np.stack([unit[self.lower[first[touches]]], unit[other[touches]]], axis=1), axis=0)
         # 3. Join them, best first.
-        root = _join(units, tops, pooled, touching, settings)
+        root = _join(units, tops, pooled, touching, nodes_of, settings)
         group = root[unit[self.lower]]
         instance = np.where(group < tops, objects[1:][np.minimum(group, max(tops - 1, 0))] if tops else 0, 0)
         score = np.bincount(root, named[0], units) / np.maximum(np.bincount(root, named[1], units), 1e-9)
@@ -578,7 +584,7 @@ class _Partition:
         return _Groups(group, instance.astype(np.int32), self.lower, np.unique(seen_in, axis=0), score)
 
     def _pooled(
-        self, seen: _Seen, sight: "_Sight", unit: NDArray, tops: int, units: int
+        self, seen: _Seen, sight: "_Sight", unit: NDArray, tops: int, nodes_of: NDArray
     ) -> tuple[NDArray, NDArray, tuple[NDArray, NDArray]]:
         """Sum up the evidence on every two parts.
 
@@ -587,13 +593,13 @@ class _Partition:
             part the confidence of segments and the nodes they named, float64 [units].
         """
         sums, waiting, seen_in = np.zeros((0, 4)), [], []
-        named = np.zeros(units), np.zeros(units)
+        named = np.zeros(len(nodes_of)), np.zeros(len(nodes_of))
         size = 0
         for frame, (cell, label, segment, low, high, score) in enumerate(seen):
             at = sight.look(frame, cell, label, segment, low, high)
             of_unit, of_segment = unit[at], sight.segment[at]
             _add_scores(of_unit, of_segment, score, *named)
-            parts, pairs = _pairs(of_unit, of_segment, self.nodes.label[at], tops)
+            parts, pairs = _pairs(of_unit, of_segment, self.nodes.label[at], nodes_of, tops)
             seen_in.append(parts[parts >= tops].astype(np.int64))
             waiting.append(pairs)
             size += len(pairs)
@@ -761,11 +767,14 @@ def _pairs(
     unit: NDArray,  # int32 [k], parts of the nodes that a frame saw
     segment: NDArray,  # int32 [k]
     label: NDArray,  # int16 [k]
+    nodes_of: NDArray,  # int64 [units], how many each part has
     tops: int,
 ) -> tuple[NDArray, NDArray]:
     """Return the parts that one frame saw, int32, and what it says about every two of a class.
 
-    Two parts are one as far as their nodes lie in the same segments; the smaller of the two limits what it counts.
+    Two parts are one as far as their nodes lie in the same segments. That counts as many nodes as were seen of the one
+    of which fewer were, and of two lower parts only the share that was seen of the one of which less was: a mask that
+    slips over an edge shows a sliver of the next part, in the same segment as all parts of its own object.
 
     Returns:
         int32 [parts], ascending; float64 [p, 4]: part, part, same, different.
@@ -806,6 +815,8 @@ def _pairs(
                 else:
                     j += 1
             weight = min(nodes[a], nodes[b])
+            if part[a] >= tops:
+                weight *= min(nodes[a] / nodes_of[part[a]], nodes[b] / nodes_of[part[b]])
             found[n, 0], found[n, 1], found[n, 2], found[n, 3] = part[a], part[b], agree * weight, (1 - agree) * weight
             n += 1
     return part[:parts], found[:n]
@@ -823,27 +834,51 @@ def _summed(sums: NDArray, waiting: list[NDArray]) -> NDArray:
     return np.stack([(keys >> 32).astype(np.float64), (keys & 0xFFFFFFFF).astype(np.float64), *columns], axis=1)
 
 
-def _join(units: int, tops: int, pooled: NDArray, touching: NDArray, settings: SpaceSettings) -> NDArray:
+def _join(
+    units: int, tops: int, pooled: NDArray, touching: NDArray, nodes_of: NDArray, settings: SpaceSettings
+) -> NDArray:
     """Join parts of objects, best affinity first; two objects of the map stay two, each with what most ties to it.
 
     Returns:
-        int64 [units]: the smallest part that each was joined with, so that objects of the map keep their number.
+        int64 [units]: a part that each was joined with; objects of the map keep their number.
     """
     touching = np.sort(touching, axis=1).astype(np.float64)
-    touching = touching[touching[:, 0] != touching[:, 1]]
     rows = _summed(pooled, [np.concatenate([touching, np.zeros_like(touching)], axis=1)])
-    low, high = rows[:, 0].astype(np.int32), rows[:, 1].astype(np.int32)
     near = np.isin(_pair_keys(rows), _pair_keys(touching))
+    parent = _joined(units, tops, rows, near, settings, min(settings.pooling.touching_same, _TOUCHING_BELOW))
+    group = _with_most_evidence(parent, tops, rows, settings.affinity)
+    # What is too small to be believed an object by itself belongs to what it touches, as on the map. Numbers that come
+    # first stay apart.
+    numbers = np.unique(group)
+    alone = (numbers < tops) | (np.bincount(group, nodes_of, units)[numbers] >= _REMNANT)
+    numbers = numbers[np.argsort(~alone, kind="stable")]
+    new = np.zeros(units, np.int64)
+    new[numbers] = np.arange(len(numbers))
+    rows[:, :2] = np.sort(new[group[rows[:, :2].astype(np.int64)]], axis=1)
+    near = _pair_keys(rows[near])
+    rows = _summed(rows, [])
+    near = np.isin(_pair_keys(rows), near)
+    parent = _joined(len(numbers), int(alone.sum()), rows, near, settings, settings.pooling.touching_same)
+    return numbers[parent[new[group]]]
+
+
+def _joined(
+    units: int, kept: int, rows: NDArray, near: NDArray, settings: SpaceSettings, touching_same: float
+) -> NDArray:
+    """Join parts, best affinity first, of which the first so many stay apart; return the smallest of each group."""
+    low, high = rows[:, 0].astype(np.int32), rows[:, 1].astype(np.int32)
+    two = low != high
     source, target, score = join_parts(
-        units, low, high, rows[:, 2].copy(), rows[:, 3].copy(), near, settings.pooling, kept=tops
-    )
+        units, low[two], high[two], rows[two, 2], rows[two, 3], near[two],
+        replace(settings.pooling, touching_same=touching_same), kept=kept,
+    )  # fmt: skip
     stop = np.flatnonzero(score <= np.float32(settings.affinity))
     steps = int(stop[0]) if len(stop) else len(score)
     parent = np.arange(units)
     parent[source[:steps]] = target[:steps]
     for unit in range(units):  # a part is joined to smaller ones only
         parent[unit] = parent[parent[unit]]
-    return _with_most_evidence(parent, tops, rows, settings.affinity)
+    return parent
 
 
 def _with_most_evidence(parent: NDArray, tops: int, rows: NDArray, least: float) -> NDArray:

@@ -5,11 +5,14 @@ import math
 import zipfile
 from collections import Counter, defaultdict
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from random_frames import IS_THING, LABELS, random_frames
-from seen_columns import block, frame, map_of_columns, table_over_chairs, turned
+from seen_columns import Column, block, frame, map_of_columns, table_over_chairs, turned
 
 from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.errors import InputError
@@ -18,6 +21,7 @@ from simaps_viz.mapping.edits import apply, delete, relabel
 from simaps_viz.mapping.file import load_map, save_map
 from simaps_viz.mapping.finalize import SequenceFacts, map_so_far
 from simaps_viz.mapping.simap import recommunity, repartition
+from simaps_viz.mapping.space import _pairs
 from simaps_viz.mapping.steps import pack_step, unpack_step
 from simaps_viz.mapping.surface import coded_colors, decoded_colors
 
@@ -218,6 +222,55 @@ def test_two_books_of_a_shelf_are_two(upper):
     simap = map_of_columns(steps)
     assert [one.label for one in simap.hidden] == ["book", "book"]
     assert boxes(simap, "book") == [(2, 4, 1, 4, 4, 8), (2, 4, 1, 4, upper, upper + 4)]
+
+
+def boards(columns) -> list[Column]:
+    """Return columns of a frame with a table's top above them."""
+    return block(range(8), range(12), 1, 20, 20) + columns
+
+
+def test_two_books_that_touch_and_are_seen_apart_stay_two():
+    """A shelf between two aisles: no frame shows both books, and in two a mask slips over the edge by a voxel."""
+    lower, upper = block(range(2, 6), range(2, 8), 2, 4, 8), block(range(2, 6), range(2, 8), 3, 10, 14)
+    labels = {1: "table", 2: "book", 3: "book"}
+    steps = [frame(k, boards(lower if k % 2 else upper), labels) for k in range(16)]
+    steps += [frame(16 + k, boards([*upper, (3, 4 + k, 3, 8, 8)]), labels) for k in range(2)]
+    assert boxes(map_of_columns(steps), "book") == [(2, 5, 2, 7, 4, 8), (2, 5, 2, 7, 10, 14)]
+
+
+def test_a_remnant_belongs_to_what_it_touches():
+    """Four cells of a book's top that no frame shows with the rest of it."""
+    book, remnant = block(range(2, 6), range(2, 8), 2, 4, 8), block(range(2, 4), range(2, 4), 3, 10, 11)
+    labels = {1: "table", 2: "book", 3: "book"}
+    simap = map_of_columns([frame(k, boards(book if k % 2 else remnant), labels) for k in range(16)])
+    assert boxes(simap, "book") == [(2, 5, 2, 7, 4, 11)]
+
+
+def test_a_thing_of_which_no_frame_shows_all_stays_one():
+    """Something that stands before it hides a third of a book row, now the left, now the right."""
+    steps = [
+        frame(k, boards(block(range(2, 6), range(first, first + 8), 2, 4, 8)), {1: "table", 2: "book"})
+        for k, first in enumerate([0, 2, 4] * 4)
+    ]
+    assert boxes(map_of_columns(steps), "book") == [(2, 5, 0, 11, 4, 8)]
+
+
+@given(st.lists(st.tuples(st.integers(0, 6), st.integers(0, 3)), min_size=1, max_size=30), st.integers(0, 7))
+def test_what_a_frame_says_of_two_parts_is_the_twins(seen, tops):
+    """Parts 0, 1, 2 ... are of two classes by turns, and have 40 nodes each; the first ``tops`` are of the map."""
+    part, segment = (np.array(column, np.int32) for column in zip(*seen, strict=True))
+    nodes_of = np.full(7, 40)
+    parts, found = _pairs(part, segment, (part % 2).astype(np.int16), nodes_of, tops)
+    expected = []
+    for a, b in combinations(sorted(set(part.tolist())), 2):
+        if a % 2 != b % 2 or b < tops:
+            continue
+        mine, other = segment[part == a], segment[part == b]
+        agree = np.mean(mine[:, None] == other)
+        weight = min(len(mine), len(other)) * (min(len(mine), len(other)) / 40 if a >= tops else 1.0)
+        expected.append([a, b, agree * weight, (1 - agree) * weight])
+    assert parts.tolist() == sorted(set(part.tolist()))
+    assert found == pytest.approx(np.array(expected).reshape(-1, 4))
 
 
 def test_a_map_keeps_its_surface_in_its_file(tmp_path):
