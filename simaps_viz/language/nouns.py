@@ -1018,6 +1018,7 @@ def _having_its(noun: Noun, pre: Sequence[Parts] = ()) -> Parts:
     "WHERE np IS+ (AT | ON)?",
     "THAT np IS+ (ON | AT | IN | BY | NEAR)",
     "(ON | IN | AT) THAT np IS+",
+    "np IS+ ON",  # "the couch the teddy is sitting on"
 )
 def _having(np: Phrase) -> Parts:
     if np.text == IT:

@@ -399,6 +399,10 @@ def read_words(text: str, vocabulary: Vocabulary, *, correcting: bool = False) -
     return Sentence(words, (*edges, ()), tuple(notes))
 
 
+_OPEN: Final = frozenset({"something", "anything", "somewhere", "anywhere"})
+_KINDLY_AFTER: Final = frozenset({"please", "now", "for", "just", "too", "then", "if", "thanks", "today"})
+
+
 def _without_fillers(
     pieces: Sequence[tuple[str, str]], vocabulary: Vocabulary, notes: list[str]
 ) -> Iterator[tuple[str, str]]:
@@ -421,6 +425,8 @@ def _without_fillers(
         longest = 1 if adverb else longest
         if at and words[at - 1] in _BEFORE_NOUNS and vocabulary.match(words[at : at + 1]):
             kinds.add("NOUN")  # "the can"
+        if at and words[at - 1] in _OPEN and words[at] not in _KINDLY_AFTER:
+            kinds.add("SAID")  # "something sweet" is not any thing
         if longest >= length and kinds <= {"", "MANNER"}:
             if "MANNER" in kinds:
                 said = " ".join(words[at : at + longest])
