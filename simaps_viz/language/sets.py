@@ -807,8 +807,10 @@ class Sets(Grounding):
     def _order(self, S: Named, key: str, of: Any) -> Things:
         found = self.set_of(S)
         if key in ("near", "far"):
-            ranked = self._by_gap(found, of, -1.0 if key == "far" else 1.0)
-            return replace(found, items=tuple(ranked), most=SAID["most"][key])
+            ranked, most = self._by_gap(found, of, -1.0 if key == "far" else 1.0), SAID["most"][key]
+            if self._point_of(of) is not None or found.after or self.room_of(of) is not None:
+                return replace(found, items=tuple(ranked), most=most)
+            return found.of(ranked, after=f"{most} {'from' if key == 'far' else 'to'} {self.set_of(of).the}")
         items = list(found.items)
         if key in ("apart", "together"):
             return replace(found, items=tuple(self._paired(items, key)), most=SAID["most"][key])

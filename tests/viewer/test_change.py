@@ -102,6 +102,24 @@ def test_a_drag_that_stops_on_the_way_is_compared_with_the_map_where_it_began(mo
         assert session.wait_idle() and not panel._change.visible and not panel._peek.visible
 
 
+def test_a_drag_goes_on_while_its_map_is_cut_however_long_that_takes(monkeypatch):
+    monkeypatch.setattr(map_panel, "DRAG_S", PATIENCE_S)
+    with opened() as (_, page):
+        session, panel = page.session, page.session.panels[MapPanel]
+        whole, painted = session.simap, panel.painted
+
+        def late(simap, snapshot):
+            panel._moved_s -= 2 * PATIENCE_S  # it was moved so long ago
+            painted(simap, snapshot)
+
+        monkeypatch.setattr(panel, "painted", late)
+        for k in (12.0, 30.0, 60.0):
+            panel.set_sliders(k, 1.0)
+            panel._cut()
+            assert session.wait_idle()
+        assert panel._was is not None and panel._was[0] is whole
+
+
 def test_neighbours_are_outlined_each_for_itself():
     simap = repartition(toy_map(), k_percent=30.0)
     ids = changed_instances(toy_map(), simap)

@@ -35,7 +35,7 @@ BEFORE = "Before and after"
 BEFORE_HINT = "The map as it was before the slider was moved, and as it is; holding key B shows it before."
 MAX_MOVED, OUTLINED_S = 3, 6.0
 """Classes whose new counts are named beside a moved slider, and for how long what changed is outlined."""
-DRAG_S = 1.0
+DRAG_S = 1.5
 """A slider that was at rest for so long is moved anew."""
 MODE_HINT = "What a colour on the map means; the legend follows."
 TINT_HINT = "How much of the objects' colours lies over the photo."
@@ -269,6 +269,8 @@ class MapPanel(Panel):
 
     def painted(self, simap: SIMap, snapshot: Snapshot) -> None:
         """Describe the painted map, with a badge unless it is the finished one."""
+        if self._busy and self._moved_s != -DRAG_S:
+            self._moved_s = time.monotonic()  # a slider is at rest once what it did is there, however long that took
         self._busy = False
         specks = frozenset() if snapshot.badge else self.specks(simap)
         counted = without(simap, specks)
