@@ -39,7 +39,8 @@ def help_html(keys: Sequence[tuple[str, str]], tabs: Sequence[tuple[str, str]] =
         tabs: (tab, what it is for).
     """
     parts = (("Keys", keys), ("Mouse, on the map", MOUSE), ("Tabs", tabs), ("Words", WORDS))
-    return "".join(
+    about = f'<div style="max-width:60ch">{escape(_TEXTS["about"])}</div>'
+    return about + "".join(
         f'<div style="font-weight:650;margin:.6em 0 .2em">{escape(title)}</div>'
         f'<div style="{GRID_STYLE}">'
         + "".join(_row(left, right, key=title == "Keys") for left, right in rows)
