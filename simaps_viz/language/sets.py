@@ -384,7 +384,7 @@ class Sets(Grounding):
         in_rooms = bool(items) and not isinstance(items[0], Instance)
         if room is not None or self._point_of(T) is not None or in_rooms:
             what = "you" if isinstance(T, str) else "that place" if room is None else _the(room)
-            kept = (self._far(items, T) <= most + 1e-9) & [item is not room for item in items]
+            kept = (self._far(items, T) <= most + 1e-9) & np.array([item is not room for item in items], bool)
             return self._keep(S, kept, after=f"{within} {what}")
         things = self.things_of(S)
         others = self.things_of(T)

@@ -312,6 +312,10 @@ REFUSED: dict[str, tuple[str, str]] = {
         'robot.move_forward(size("chair", "lightness"))',
         "1: move_forward: meters: expected a number, found a number that is not known",
     ),
+    "none of which one is near a room": (
+        'robot.face(near(having(things("chair"), "couch", 40), room()))',
+        "1: face: There is no chair",
+    ),
     "level with a room": ('robot.move_to(spot(room(), "level"))', "1: spot: a robot is level with a thing, not with"),
 }
 
