@@ -26,6 +26,8 @@ _MAX_NAME: Final = 40
 """Characters of a class that a refusal takes for an example."""
 MAX_SUGGESTIONS: Final = 3
 """Commands that are offered instead of one that was refused."""
+_AGAIN_AND_AGAIN = re.compile(r"\b(\w+)(?:\W+\1\b){15}")
+"""Ranks of ranks, say, whose readings grow with every one more."""
 _MARGIN: Final = 0.28
 """How much less likely than the program another reading may be."""
 _END: Final = re.compile(r"(?:\W|\b(?:and|then|but|next)\b)+$")
@@ -82,6 +84,8 @@ def read_command(text: str, labels: Sequence[str] | Mapping[str, int]) -> Readin
     """
     if len(text) > MAX_LENGTH:
         raise CommandError(too_long(text))
+    if _AGAIN_AND_AGAIN.search(text):
+        raise CommandError("the same word is said again and again")
     vocabulary = Vocabulary(labels)
     try:
         reading = _understood(text, vocabulary)
@@ -318,7 +322,10 @@ def examples(labels: Iterable[str]) -> tuple[str, ...]:
 
 def _read(sentence: Sentence, vocabulary: Vocabulary, named: Phrase | None) -> Reading:
     chart = Chart(GRAMMAR, sentence.edges)
-    readings = [found for found in chart.parse("start") if found.end == len(sentence.words)]
+    try:
+        readings = [found for found in chart.parse("start") if found.end == len(sentence.words)]
+    except RecursionError:
+        raise CommandError("Too much is said in one sentence; say it in several.") from None
     if not readings:
         raise CommandError(_refusal(sentence, chart, vocabulary))
     # The likeliest reading that makes sense is the program; the others and the other meanings of words come after it.

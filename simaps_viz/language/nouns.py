@@ -906,7 +906,7 @@ def _any_of_them(said: str, name: Noun, pre: Sequence[Parts] = ()) -> Parts:
     return (Part("alias", "", name.label), *_flat(pre))
 
 
-@_rule("relation", "COMMA? INCLUDING np", "COMMA? np INCLUDED")
+@_rule("relation", "COMMA? INCLUDING np", "COMMA np INCLUDED")
 def _including(np: Phrase) -> Parts:
     """Read "the smallest table, coffee tables included"."""
     return _filter(f"union({{}}, {np.base})", np)
@@ -1018,7 +1018,6 @@ def _having_its(noun: Noun, pre: Sequence[Parts] = ()) -> Parts:
     "WHERE np IS+ (AT | ON)?",
     "THAT np IS+ (ON | AT | IN | BY | NEAR)",
     "(ON | IN | AT) THAT np IS+",
-    "np IS+ ON",  # "the couch the teddy is sitting on"
 )
 def _having(np: Phrase) -> Parts:
     if np.text == IT:

@@ -223,6 +223,13 @@ def _left_out(pattern: re.Pattern[str], said: str, instead: str = "") -> str:
     return pattern.sub(lambda found: instead if _NAMED.isdisjoint(_WORD.findall(found[0])) else found[0], said)
 
 
+_THAT_LEFT_OUT: Final = re.compile(
+    r"\b((?:the|a|an) \w+(?: \w+)?) ((?:the|an?|my|our) \w+(?: \w+)? (?:is|are) (?:(?:sitting|standing|lying) )?on)"
+    r"(?=\s*(?:[?.!,;]|$))"
+)
+"""As in "the couch the teddy is sitting on"."""
+
+
 def plainly(text: str) -> str:
     """Return what was said in lower case and spelled out, without the politeness around it."""
     said = _IS.sub(r"\1 is", re.sub(r"\blet['’]s\b", "let us", text.lower()))
@@ -238,7 +245,7 @@ def plainly(text: str) -> str:
     said = re.sub(r"\b(is|are|does|do|you|we|i|to|they|it) actually\b", r"\1", _left_out(_POLITE, said, " "))
     said = re.sub(r"(?<!have )\b(i|we) got (?=some\b|an?\b|my\b)", r"\1 have ", said)
     said = re.sub(r"[,;]?\s*\bforget (?:about )?the [\w ]{2,25},\s*", ", no, ", said)
-    said = _GOT.sub(r"does \1 have", said)
+    said = _THAT_LEFT_OUT.sub(r"\1 that \2", _GOT.sub(r"does \1 have", said))
     said = re.sub(r"(^\W*|[,.;:!?] *|then )should (?!i\b|we\b|you\b)([^,.;:!?]{2,60}?) be\b", r"\1if \2 is", said)
     said = re.sub(r", not (?:this|that) (?:one|\w+), (?=the\b)", ", ", said)
     said = re.sub(r"\bon (?:the|this) spot\b", "", said)

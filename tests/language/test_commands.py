@@ -554,6 +554,10 @@ def test_deep_attachments_are_read_and_endless_ones_refused() -> None:
     assert deep.program.count("near(") >= 6
     with pytest.raises(CommandError, match="too many things are tied to one another"):
         read_command("go to the chair " + "near the chair " * 20, LABELS)
+    with pytest.raises(CommandError, match="Not understood"):  # a phrase that may follow itself would end the stack
+        read_command("go to " + "the chair " * 45, LABELS)
+    with pytest.raises(CommandError, match="again and again"):
+        read_command("go to the " + "3rd " * 40 + "chair", LABELS)
 
 
 @pytest.mark.parametrize("number", ["1000001", "1" + "0" * 20, "9" * 400])
