@@ -26,7 +26,7 @@ _MAX_NAME: Final = 40
 """Characters of a class that a refusal takes for an example."""
 MAX_SUGGESTIONS: Final = 3
 """Commands that are offered instead of one that was refused."""
-_AGAIN_AND_AGAIN = re.compile(r"\b(\w+)(?:\W+\1\b){15}")
+_AGAIN_AND_AGAIN = re.compile(r"\b(\d\w*)(?:\W+\1\b){15}")
 """Ranks of ranks, say, whose readings grow with every one more."""
 _MARGIN: Final = 0.28
 """How much less likely than the program another reading may be."""
@@ -85,7 +85,7 @@ def read_command(text: str, labels: Sequence[str] | Mapping[str, int]) -> Readin
     if len(text) > MAX_LENGTH:
         raise CommandError(too_long(text))
     if _AGAIN_AND_AGAIN.search(text):
-        raise CommandError("the same word is said again and again")
+        raise CommandError("the same number is said again and again")
     vocabulary = Vocabulary(labels)
     try:
         reading = _understood(text, vocabulary)

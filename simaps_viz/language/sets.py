@@ -231,7 +231,7 @@ class Sets(Grounding):
         found.expect(1)
         return found
 
-    def _middle_of(self, value: Any) -> tuple[NDArray, Instance | None]:
+    def middle_of(self, value: Any) -> tuple[NDArray, Instance | None]:
         """Return the position that a value stands at [2], and the thing, if it is one."""
         point = self._point_of(value)
         if point is not None:
@@ -826,7 +826,7 @@ class Sets(Grounding):
     def _paired(self, items: list[Any], key: str) -> list[Any]:
         """Return things, or rooms, of which the two that are farthest apart, or closest together, come first."""
         self.look(len(items) ** 2)
-        at = np.array([self._middle_of(i)[0] for i in items]).reshape(-1, 2)
+        at = np.array([self.middle_of(i)[0] for i in items]).reshape(-1, 2)
         apart = np.hypot(*(at[:, None] - at[None]).transpose(2, 0, 1)).round(9)
         if len(items) < 2:
             return items
@@ -842,14 +842,14 @@ class Sets(Grounding):
             if len(sizes) and np.isnan(sizes).all():
                 raise CommandError(_NO_COLORS)
             return np.where(np.isnan(sizes), np.inf, -sign * sizes)
-        at = np.array([self._middle_of(i)[0] for i in items]).reshape(-1, 2)
+        at = np.array([self.middle_of(i)[0] for i in items]).reshape(-1, 2)
         if key == "middle":
             return np.hypot(*(at - at.mean(axis=0)).T) if len(at) else np.zeros(0)
         if key in _COMPASS:
             return -(at @ np.array(_COMPASS[key]))
         yaw = self.viewer.yaw_rad
         if not (isinstance(of, str) and of in ("", SELF)):
-            towards = self._middle_of(of)[0] - (self.viewer.x_m, self.viewer.y_m)
+            towards = self.middle_of(of)[0] - (self.viewer.x_m, self.viewer.y_m)
             yaw = float(np.arctan2(towards[1], towards[0])) if np.hypot(*towards) > 1e-6 else yaw
         offset = at - (self.viewer.x_m, self.viewer.y_m)
         if key in ("front", "behind"):
@@ -1015,15 +1015,15 @@ class Sets(Grounding):
         return Position(third[np.hypot(*(third - third.mean(axis=0)).T).argmin()])
 
     def _way(self, A: Any, B: Any, share: float) -> Position:
-        end, thing = self._middle_of(A)
-        start, _ = self._middle_of(B)
+        end, thing = self.middle_of(A)
+        start, _ = self.middle_of(B)
         return Position(start + share * (end - start), thing)
 
     def _centre(self, T: Any) -> Position:
         if self.room_of(T) is None and not isinstance(T, list) and T not in ("", SELF):
             things = self.things_of(self._some(T))
             return Position(self.centroids(things).mean(axis=0), things[0] if len(things) == 1 else None)
-        return Position(*self._middle_of(T))
+        return Position(*self.middle_of(T))
 
     def _corner(self, T: Any, which: str, of: Any) -> Position:
         room = self.room_of(T)

@@ -241,7 +241,7 @@ def _side(sets: "Sets", found: Things, other: Any, key: str) -> Told:
     if not end.items:
         return _nothing(end, "side")
     pair = (found.items[0], end.items[0])
-    middles = [np.array(one.centroid_m[:2]) for one in pair]
+    middles = [sets.middle_of(one)[0] for one in pair]
     sides = ("north", "south", "east", "west") if key == "compass" else tuple(SAID["side_of"])
     side = max(sides, key=lambda side: float(sets.way_of(side, middles[1]) @ (middles[0] - middles[1])))
     where = f"{side} of" if key == "compass" else SAID["side_of"][side]

@@ -361,5 +361,7 @@ HARMLESS: dict[str, str] = {
     "an empty loop": "for x in []:\n    robot.turn(x)",
     "unknown object in a branch never taken": "if 1 > 2:\n    robot.move_to_object('piano', 99)",
     "words that are no names": "x = '__import__'\ny = 'robot.turn(1)'\nif x == y:\n    robot.turn(1)",
+    "the side of a room": 'tell(room(), "side", "couch", "compass")',
+    "a thing beside a room": 'tell("couch", "side", room())',
 }  # fmt: skip
 """Look hostile, but are programs of the language and end well."""
