@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from platformdirs import user_cache_path
 
 from simaps_viz.build.build_log import BuildLog
+from simaps_viz.datasets.recording import MAX_TRIED
 from simaps_viz.datasets.source import FrameSource, Unreadable, read_each
 from simaps_viz.errors import InputError, SIMapsError
 from simaps_viz.events import (
@@ -63,9 +64,6 @@ waits."""
 
 CONTENT = "names, poses, cameras and tables"
 """Under this name the log of a build keeps the hash of its sequence."""
-
-NO_MASKS_AFTER = 20
-"""When none of so many first frames can be read, the sequence is at fault, not a frame."""
 
 
 class BuildCancelled(SIMapsError):  # noqa: N818 - not a fault
@@ -269,7 +267,7 @@ class _Building:
         name = self.sequence.frame_names[read.index]
         self.accumulator.skip_frame(read.index, name, self.T_map_camera[read.index], str(read.error))
         skipped = finalize.skipped_frames(self.accumulator.frames)
-        none_yet = len(skipped) == len(self.accumulator.frames) == min(self.wanted, NO_MASKS_AFTER)
+        none_yet = len(skipped) == len(self.accumulator.frames) == min(self.wanted, MAX_TRIED)
         if none_yet or 2 * len(skipped) > self.wanted:
             more = f", and {len(skipped) - 1} more of {self.wanted} frames" if len(skipped) > 1 else ""
             raise InputError(f"{next(iter(skipped.values()))}{more}")

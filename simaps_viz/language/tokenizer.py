@@ -206,6 +206,7 @@ _LIMITS: Final = re.compile(
 """Words that say what is to be done, or not to be, also in a statement."""
 
 _MISSED: Final = re.compile(r"\b(?:can|could)(?:not|n?['’]?t| not) (?:find|see|locate|spot|remember)\b")
+"""Of a statement that says what somebody does not find: no limit on what is to be done."""
 
 _NAMED: Final = (KNOWN_THINGS | COLOR_WORDS | set(ORDINALS)) - {
     "thing",
@@ -408,6 +409,7 @@ def read_words(text: str, vocabulary: Vocabulary, *, correcting: bool = False) -
 
 _OPEN: Final = frozenset({"something", "anything", "somewhere", "anywhere"})
 _KINDLY_AFTER: Final = frozenset({"please", "now", "for", "just", "too", "then", "if", "thanks", "today"})
+"""What follows words of `_OPEN` without saying which: other kind words, such as "sweet", do."""
 
 
 def _without_fillers(

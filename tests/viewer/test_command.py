@@ -336,7 +336,7 @@ def test_the_plain_service_still_works_without_steps():
         assert mine(bench).pose.x_m == pytest.approx(1.5)
 
 
-def test_what_a_typed_command_would_mean_is_marked_and_nothing_runs():
+def test_what_a_typed_command_would_mean_is_marked_and_nothing_runs(monkeypatch):
     asked, read = [], threading.Event()
 
     def ask(simap, command, pose, robot):
@@ -347,12 +347,12 @@ def test_what_a_typed_command_would_mean_is_marked_and_nothing_runs():
     with toy_workbench(replace(real_services(), ask=ask)) as bench, fake_page(bench):
         page, panel = mine(bench), mine(bench).panels[CommandPanel]
         assert page.wait_idle() and len(asked) == 1  # reading and planning are prepared
-        panel._typing._wait_s = 0.05
+        monkeypatch.setattr("simaps_viz.viewer.panels.command.PREVIEW_S", 0.05)
 
         def types(text):
             panel._text.value = text
             panel._typed()
-            until(lambda: not panel._typing.waits)
+            until(lambda: panel._typing is None or not panel._typing.is_alive())
             assert page.wait_idle()
 
         def marked():

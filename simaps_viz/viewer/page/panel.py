@@ -53,42 +53,6 @@ def button_row(
     return made
 
 
-class Pause:
-    """Calls a function once nothing has begun anew for a while; one thread waits, and none while nothing does."""
-
-    def __init__(self, wait_s: float, do: Callable[[], object]) -> None:
-        """Take how long to wait and the function, which is called on a thread of its own."""
-        self._wait_s, self._do = wait_s, do
-        self._due: float | None = None
-        self._changed = threading.Condition()
-
-    def begin(self) -> None:
-        """Wait anew."""
-        with self._changed:
-            waits, self._due = self._due is not None, time.monotonic() + self._wait_s
-            if not waits:
-                threading.Thread(target=self._run, name="workbench-pause", daemon=True).start()
-
-    def cancel(self) -> None:
-        """Wait no longer; the function is not called."""
-        with self._changed:
-            self._due = None
-            self._changed.notify_all()
-
-    @property
-    def waits(self) -> bool:
-        """Whether the function is still to be called."""
-        return self._due is not None
-
-    def _run(self) -> None:
-        with self._changed:
-            while self._due is not None and (left_s := self._due - time.monotonic()) > 0.0:
-                self._changed.wait(left_s)
-            due, self._due = self._due, None
-        if due is not None:
-            self._do()
-
-
 class Panel:
     """A part of the page. ``Panel(page, ...)`` fills the container of ``page.gui`` that is open at that time.
 

@@ -44,7 +44,7 @@ from simaps_viz.navigation.trajectory import (
 )
 from simaps_viz.structures import Pose2, SIMap
 from simaps_viz.viewer.page.page import Page
-from simaps_viz.viewer.page.panel import Panel, Pause, button, button_row, by_person
+from simaps_viz.viewer.page.panel import Panel, button, button_row, by_person
 from simaps_viz.viewer.page.shared import Snapshot
 from simaps_viz.viewer.scene.annotations import Label, label_of
 from simaps_viz.viewer.scene.camera import SLANT, Follower
@@ -390,7 +390,8 @@ class CommandPanel(Panel):
         """The command of the history that has not ended yet."""
         self._marks, self._hidden = Marks(), False
         self._drawing = threading.Lock()
-        self._typing = Pause(PREVIEW_S, lambda: page.command_worker.submit("preview", self._preview))
+        self._typing: threading.Timer | None = None
+        """Runs while what is typed may go on."""
         self._previews = False
         """Whether what is marked is what the typed command would mean."""
         self._waiting: threading.Event | None = None
@@ -536,7 +537,7 @@ class CommandPanel(Panel):
 
     def close(self) -> None:
         """End any drive, and any wait for an answer."""
-        self._typing.cancel()
+        self._end_typing()
         self._end()
 
     def _use(self) -> None:
@@ -673,8 +674,12 @@ class CommandPanel(Panel):
             self._previews = True
             self._mark(*meant)
 
+    def _end_typing(self) -> None:
+        if self._typing is not None:
+            self._typing.cancel()
+
     def _unmark(self) -> None:
-        self._typing.cancel()
+        self._end_typing()
         self._previews, self._marks = False, Marks()
         self._light(frozenset())
         self._draw(None)
@@ -940,7 +945,11 @@ class CommandPanel(Panel):
             self._text.value = command
             self._send(paused=False)
         elif text.strip():
-            self._typing.begin()
+            self._end_typing()
+            preview = functools.partial(self._page.command_worker.submit, "preview", self._preview)
+            self._typing = threading.Timer(PREVIEW_S, preview)
+            self._typing.daemon = True
+            self._typing.start()
         elif self._phase == "idle":
             self._unmark()
 

@@ -99,7 +99,7 @@ class MapPanel(Panel):
         self._reset = button(gui, "Reset", self.reset, icon=icon, color="gray", visible=False)
         self._was: tuple[SIMap, Cut] | None = None
         """The map before the sliders were moved, and how it was cut."""
-        self._from, self._moved_s = (simap, own), -DRAG_S
+        self._from, self._moved_s = (simap, own), -np.inf
         """The same where the drag of a slider began that goes on, and when it was last moved."""
         self._shown, self._shown_cut = simap, own
         self._clearing: threading.Timer | None = None
@@ -269,7 +269,7 @@ class MapPanel(Panel):
 
     def painted(self, simap: SIMap, snapshot: Snapshot) -> None:
         """Describe the painted map, with a badge unless it is the finished one."""
-        if self._busy and self._moved_s != -DRAG_S:
+        if self._busy and self._moved_s > -np.inf:
             self._moved_s = time.monotonic()  # a slider is at rest once what it did is there, however long that took
         self._busy = False
         specks = frozenset() if snapshot.badge else self.specks(simap)
@@ -333,7 +333,7 @@ class MapPanel(Panel):
         now = time.monotonic()
         if not drag or now - self._moved_s > DRAG_S:
             self._from = self._shown, self._shown_cut
-        self._moved_s = now if drag else -DRAG_S
+        self._moved_s = now if drag else -np.inf
         if not self._busy:
             self._busy, self._counts_before = True, str(self._counts.content)
             self._counts.content = _line("Cutting the map anew …")
