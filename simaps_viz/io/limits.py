@@ -4,6 +4,7 @@ They are far above what cameras, scanners and buildings of 500 m x 500 m need. A
 or not meant for this program, and is refused with one line.
 """
 
+from collections.abc import Iterable
 from pathlib import Path
 
 from simaps_viz.errors import InputError
@@ -113,6 +114,13 @@ def check_cells(where: object, rows: int, cols: int) -> None:
             f"{where}: expected a map of at most {MAX_MAP_CELLS} cells, found {rows} x {cols}; are the positions in "
             "metres, and is the cell size right?"
         )
+
+
+def check_camera(camera_xy_m: Iterable[float], reach_m: float, cell_size_m: float) -> None:
+    """Raise InputError for a camera, x and y in the map frame, that could see farther out than a map may reach."""
+    found, most_m = [float(at) for at in camera_xy_m], MAX_CELL_INDEX * cell_size_m
+    if not all(abs(at) + reach_m < most_m for at in found):  # NaN is not less
+        raise InputError(f"map: expected cameras within {most_m:g} m of its origin, found {found}")
 
 
 def check_frame_name(where: object, name: str) -> None:

@@ -16,9 +16,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from simaps_viz.errors import InputError
 from simaps_viz.geometry import invert_pose
-from simaps_viz.io.limits import MAX_CELL_INDEX
+from simaps_viz.io.limits import check_camera
 from simaps_viz.mapping.accumulator import MapAccumulator
 from simaps_viz.mapping.observations import FrameReadings, FrameRuns
 from simaps_viz.mapping.projection import STEPS_PER_M
@@ -99,12 +98,7 @@ class Forgetting:
             InputError: the camera is farther away than a map may reach.
         """
         tiles, settings = simap.tiles, simap.settings
-        most_m = MAX_CELL_INDEX * settings.cell_size_m - REACH_M
-        if not bool((np.abs(T_map_camera[:2, 3]) < most_m).all()):  # NaN is not less
-            at = T_map_camera[:2, 3].tolist()
-            raise InputError(
-                f"frame {frame.name}: expected a camera within {most_m:g} m of the map's origin, found {at}"
-            )
+        check_camera(T_map_camera[:2, 3], REACH_M, settings.cell_size_m)
         side_m = SIDE * settings.cell_size_m
         low = np.floor((T_map_camera[1::-1, 3] - REACH_M) / side_m).astype(int).tolist()
         slots = tiles.known((low[0], low[1]), int(2 * REACH_M / side_m) + 2)

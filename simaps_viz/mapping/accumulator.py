@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.errors import InputError
-from simaps_viz.io.limits import MAX_CELL_INDEX, MAX_LINKED_CELL, MAX_SEGMENT_ID, check_cells
+from simaps_viz.io.limits import MAX_LINKED_CELL, MAX_SEGMENT_ID, check_camera, check_cells
 from simaps_viz.mapping.links import LinkTable
 from simaps_viz.mapping.observations import (
     AllReadings,
@@ -372,9 +372,7 @@ class MapAccumulator:
     def _window_around(self, camera_xy_m: NDArray, k: Intrinsics) -> "_Window":
         """Return a window that holds everything a camera at that position can see."""
         size, far = self.settings.cell_size_m, self.settings.far_m * _ray_length(k)
-        if not bool((np.abs(camera_xy_m) + far < MAX_CELL_INDEX * size).all()):  # NaN is not less
-            most = f"{MAX_CELL_INDEX * size:g} m"
-            raise InputError(f"map: expected cameras within {most} of its origin, found {camera_xy_m.tolist()}")
+        check_camera(camera_xy_m, far, size)
         side = (int(2.0 * far / size) // SIDE + 3) * SIDE
         if self._window is None or self._window.side != side:
             check_cells("what a camera can reach", side, side)
