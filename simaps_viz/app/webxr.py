@@ -10,6 +10,7 @@ import logging
 import math
 import struct
 import threading
+from contextlib import suppress
 from http import HTTPStatus
 from importlib.resources import files
 from urllib.parse import urlsplit
@@ -98,7 +99,7 @@ class WebXRSource(PhoneSource):
         except OSError as error:
             raise InputError(f"{address}: expected a free port, found it taken ({error.strerror})") from error
         self.port = int(self._server.socket.getsockname()[1])
-        self._thread = threading.Thread(target=self._server.serve_forever, name="webxr", daemon=True)
+        self._thread = threading.Thread(target=self._listen, name="webxr", daemon=True)
         self._thread.start()
 
     @property
@@ -122,6 +123,11 @@ class WebXRSource(PhoneSource):
         if phone is not None:
             phone.close()
         self._thread.join()
+
+    def _listen(self) -> None:
+        """Serve until the socket is closed, which may be before the thread has run."""
+        with suppress(OSError):
+            self._server.serve_forever()
 
     def decode(self, frame: str | bytes) -> PhoneFrame:
         """Return the frame of a message; raises InputError for anything else."""
