@@ -25,7 +25,6 @@ test: $(DEV_READY) chromium
 	@$(BIN)/python -m pytest $(IN_WORKERS)
 
 # For every few minutes: no browser, no processes.
-test-fast: WORKERS := 2
 test-fast: $(DEV_READY)
 	@$(BIN)/python -m pytest $(IN_WORKERS) -m "not browser and not slow" $(addprefix --ignore=tests/,browser docs process)
 

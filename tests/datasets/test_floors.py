@@ -13,6 +13,8 @@ from simaps_viz.scenes.scene import assemble, build
 from simaps_viz.scenes.shapes import box
 from simaps_viz.scenes.walk import camera_pose
 
+pytestmark = pytest.mark.slow  # walks through a house of two storeys are cast
+
 PITCH = np.deg2rad(28.0)
 
 

@@ -1,8 +1,9 @@
 """Every function against a plain twin: slow, obviously right, on random maps of overlapping blocks."""
 
 import dataclasses
+from collections import defaultdict
 from collections.abc import Callable
-from functools import cache
+from functools import cache, cached_property
 from types import SimpleNamespace
 from typing import Any
 
@@ -48,9 +49,16 @@ class Plain:
     simap: SIMap
     pose: Pose2
 
+    @cached_property
+    def _centres(self) -> dict[int, list[tuple[float, float]]]:
+        found: dict[int, list[tuple[float, float]]] = defaultdict(list)
+        for (row, col), number in np.ndenumerate(self.simap.instance):
+            if number:
+                found[number].append(self.simap.spec.centre_of(row, col))
+        return found
+
     def cells(self, thing: Instance) -> list[tuple[float, float]]:
-        found = np.argwhere(self.simap.instance == thing.id).tolist()
-        return [self.simap.spec.centre_of(row, col) for row, col in found]
+        return self._centres[thing.id]
 
     def gap(self, a: Instance, b: Instance) -> float:
         one, two = np.array(self.cells(a)), np.array(self.cells(b))

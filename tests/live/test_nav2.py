@@ -17,6 +17,8 @@ from simaps_viz.live.links import ZenohLink, message_types, service_of
 from simaps_viz.navigation.agent import answer
 from simaps_viz.structures import Pose2
 
+pytestmark = pytest.mark.slow  # each drive waits for a network of its own
+
 
 class Robot:
     """A robot behind Zenoh that stands at a pose, and is at once at each goal that its Nav2 accepts, if it obeys."""
