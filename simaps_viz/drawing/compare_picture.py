@@ -170,6 +170,8 @@ class TwoPictures:
                 self._outline(image, at, ids, color, thin)
             if chosen is not None:
                 ids = chosen.right if at else chosen.left
+                # Thinly how the other map has it, boldly how this one has it.
+                self._outline(image, 1 - at, chosen.left if at else chosen.right, self._ink, thin)
                 # Where one of the two has nothing, the other's outline shows where it would be.
                 on, wanted = (at, ids) if len(ids) else (1 - at, chosen.left if at else chosen.right)
                 self._outline(image, on, wanted, mark_color(chosen.kind, self._theme), bold, halo=True)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from simaps_viz.colors.classes import class_color
 from simaps_viz.colors.palette import Color
 from simaps_viz.drawing.sheet import fitting, width_of, write
-from simaps_viz.structures import Segment, Segmentation, SIMap
+from simaps_viz.structures import Segment, Segmentation, SIMap, Views
 
 ColorBy = Literal["class", "confidence"]
 
@@ -193,8 +193,9 @@ def best_views(simap: SIMap, instance_id: int, most: int = 3) -> list[BestView]:
     while there are others.
     """
     views = simap.views
-    mine = owner_of_community(simap)[views.community] == instance_id
-    frames, cells, segments = views.frame[mine], views.cells[mine], views.segment[mine]
+    owner = owner_of_community(simap)[views.community]
+    mine = owner == instance_id
+    frames, cells = views.frame[mine], views.cells[mine]
     names = np.unique(frames)
     totals = np.array([int(cells[frames == f].sum()) for f in names])
     ranked = [int(names[i]) for i in np.lexsort((names, -totals))]
@@ -207,10 +208,23 @@ def best_views(simap: SIMap, instance_id: int, most: int = 3) -> list[BestView]:
             chosen.append(frame)
     chosen += [f for f in ranked if f not in chosen][: most - len(chosen)]
     chosen.sort(key=ranked.index)
-    return [
-        BestView(f, tuple(int(s) for s in np.unique(segments[frames == f])), int(cells[frames == f].sum()))
-        for f in chosen
-    ]
+    return [BestView(f, _own_segments(views, owner, instance_id, f), int(cells[frames == f].sum())) for f in chosen]
+
+
+def _own_segments(views: Views, owner: NDArray, instance_id: int, frame: int) -> tuple[int, ...]:
+    """Return the segments with which a frame named an instance: those that named more of it than of any other.
+
+    Stray cells at its edge make no mask of a neighbour its own. Where there is no such segment, all that named it.
+    """
+    here = views.frame == frame
+    segments, at = np.unique(views.segment[here], return_inverse=True)
+    owners, whose = np.unique(owner[here], return_inverse=True)
+    named = np.zeros((len(segments), len(owners)))
+    np.add.at(named, (at, whose), views.cells[here])
+    mine = named[:, np.searchsorted(owners, instance_id)]
+    named[:, owners == 0] = 0.0
+    most = (mine > 0) & (mine >= named.max(axis=1))
+    return tuple(segments[most if most.any() else mine > 0].tolist())
 
 
 def communities_unseen_until(simap: SIMap, frame: int) -> NDArray:

@@ -580,7 +580,8 @@ def _weakest(why: Why) -> str:
     text = f"Its weakest joint ({weakest.target_cells} + {plural(weakest.source_cells, 'cell')}) has "
     text += f"{score_text(method, weakest.score)}, above the {needed_text(method, why.threshold)} needed: "
     if len(why.together) == 0:
-        return f"{text}its parts touch, and nothing speaks against it."
+        alone = "" if method_of(method).weights_per_frame else ", which counts as much as that"
+        return f"{text}no frame saw both parts, but they touch{alone}."
     return f"{text}{together_words(why.together)}."
 
 

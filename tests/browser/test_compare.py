@@ -108,7 +108,9 @@ def test_a_merger_is_listed_drawn_and_clicked(bench):
     until(page, lambda: line_near(desk, page, west, KINDS["merged"][0]))
     page.get_by_role("button", name="merged · chairs 1 + 3 → 1").click()
     expect(page.get_by_text("chairs 1 + 3 ·")).to_be_visible()
-    expect(row_of(page, "Divide").last).to_have_value("25")  # through the middle of the two
+    expect(row_of(page, "Divide").last).to_have_value("43")  # beside the two, which stay whole
+    named = ["chair 1 · This map (paper)", "chair 3 · This map (paper)", "chair 1 · Method components"]
+    until(page, lambda: [label.text for label in desk.scene.texts["compare"]] == named)
     around = pytest.approx((-0.4 - 2.48, -1.0 - 2.48, 1.45 + 2.48, 2.1 + 2.48))
     until(page, lambda: desk.looked[-1] == around)
     page.get_by_role("button", name="End comparison").click()

@@ -155,7 +155,10 @@ def test_texts_stand_beside_what_they_name_cover_nothing_of_it_and_follow_zoom_a
         assert thing["left"] - wide < box["left"] + box["width"] / 2 < thing["right"] + wide
     for one in map(seen, chairs):  # which are outlined
         until(page, lambda one=one: drawn(page, (one["left"], (one["top"] + one["bottom"]) / 2)))
-    assert not page.locator(".simaps-name:visible").all()  # the names of objects wait
+    pale = page.locator(".simaps-name:visible").all()  # the names of other objects are pale, and where there is room
+    assert pale and all("simaps-pale" in one.get_attribute("class") for one in pale)
+    boxes = page.evaluate(TEXTS.replace("simaps-text", "simaps-text, .simaps-name"))
+    assert all(apart(a, b) for a, b in combinations(boxes, 2))
     x, y, _ = chairs[0].centroid_m
     east = Label("east", x, y, 0.2, 0.2, away_x=1.0)
     session.scene.show_candidates([east])

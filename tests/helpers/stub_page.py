@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import viser
@@ -20,6 +20,7 @@ from simaps_viz.structures import SIMap
 from simaps_viz.viewer.page import page
 from simaps_viz.viewer.page.page import Worker
 from simaps_viz.viewer.page.shared import Services, Shared
+from simaps_viz.viewer.scene.annotations import Texts
 from simaps_viz.viewer.scene.camera import top_view
 
 
@@ -29,7 +30,8 @@ class StubPage(page.Page):
     def __init__(self, simap: SIMap, services: Services | None = None) -> None:  # and nothing of a real page
         with contextlib.redirect_stdout(io.StringIO()):
             self.server = viser.ViserServer(host="127.0.0.1", port=free_port(), verbose=False)
-        self.gui, self.scene = self.server.gui, self.server.scene
+        self.gui, self.scene = self.server.gui, cast(Any, self.server.scene)
+        self.scene.texts = Texts(self.server)
         self.scene.set_up_direction("+z")
         self.simap, self.selected = simap, None
         services = services or Services()

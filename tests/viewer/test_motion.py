@@ -169,7 +169,7 @@ def test_goals_are_numbered_on_their_objects():
     simap = toy_map()
     goals = [Goal("move_to", None, number, (0.0, 0.0)) for number in (3, None, 1, 3)]
     first, second = goal_labels(simap, goals)
-    assert (first.text, second.text) == ("1, 4", "3")
+    assert (first.text, second.text) == ("1, 4 · chair 3", "3 · chair 1")
     assert (first.x, first.y) == pytest.approx(simap.by_id(3).centroid_m[:2])
     assert (second.x, second.y) == pytest.approx(simap.by_id(1).centroid_m[:2])
 

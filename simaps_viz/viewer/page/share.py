@@ -7,6 +7,7 @@ and needs no network.
 import contextlib
 import io
 import re
+import textwrap
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from html import escape
@@ -380,7 +381,11 @@ class MapSheet:
         px, x, y = sheet.px, self._legend_x, self._y + sheet.px(8)
         names_wide, step = px(132), px(22)
         bottom = sheet.height - px(64)
-        sheet.text(counts_text(self._simap, most=0).rpartition("· ")[2], (x, y), 17, bold=True)
+        head, _, why = counts_text(self._simap, most=0).rpartition("· ")[2].partition(": ")
+        sheet.text(head, (x, y), 17, bold=True)
+        for line in textwrap.wrap(why, 36):  # why there are none
+            y += step
+            sheet.text(line, (x, y), 14)
 
         colors = instance_colors(self._simap)
         labels = list(self._simap.counts())

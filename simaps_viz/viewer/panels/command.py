@@ -146,20 +146,20 @@ def _cap(text: str) -> str:
 
 
 def goal_labels(simap: SIMap, goals: Sequence[Goal]) -> list[Label]:
-    """Number the objects that the robot was sent to, in order, as far as they are on the map."""
+    """Number and name the objects that the robot was sent to, in order, as far as they are on the map."""
     numbers: dict[int, list[str]] = {}
     for number, goal in enumerate(goals, start=1):
         for one in (goal.instance, goal.other_instance):
             if one:
                 numbers.setdefault(one, []).append(str(number))
     known = {instance.id: instance for instance in (*simap.instances, *simap.hidden)}
-    return [label_of(", ".join(texts), known[i]) for i, texts in numbers.items() if i in known]
+    return [label_of(f"{', '.join(texts)} · {known[i].name}", known[i]) for i, texts in numbers.items() if i in known]
 
 
 def answer_labels(simap: SIMap, ids: Sequence[int], most: int = 12) -> list[Label]:
     """Name the objects that an answer speaks of, as far as they are on the map; at most so many."""
     known = {instance.id: instance for instance in (*simap.instances, *simap.hidden)}
-    return [label_of(known[i].label, known[i]) for i in ids if i in known][:most]
+    return [label_of(known[i].name, known[i]) for i in ids if i in known][:most]
 
 
 def message_html(title: str, text: str, tone: str, more: Sequence[str] = ()) -> str:
@@ -338,6 +338,8 @@ OUTLINE_M = 0.014
 """Height of the lines around what the robot goes to, or an answer speaks of."""
 GOAL_M = 0.25
 """Half the side of the square around the robot's final position that is kept free of labels."""
+STOPS = "stops here"
+WELCOME, TYPING = "Try an example, or type what the robot shall do.", "Enter sends it."
 
 
 @dataclass(frozen=True, eq=False)
@@ -394,6 +396,8 @@ class CommandPanel(Panel):
         """Runs while what is typed may go on."""
         self._previews = False
         """Whether what is marked is what the typed command would mean."""
+        self._outcome = False
+        """Whether the message is about a command that was sent."""
         self._waiting: threading.Event | None = None
         self._drive = TrajectoryPlayer(self._moved, self._arrived, lambda: self._show_phase("paused"), self._broke_down)
         self._phase: Phase = "idle"
@@ -470,7 +474,7 @@ class CommandPanel(Panel):
     def built(self) -> None:
         """Read and plan a command behind the page, which takes long the first time only."""
         if self._services.ask is not None:
-            self._page.command_worker.submit("prepare", lambda: self._meant(examples(self._page.simap)[0]))
+            self._page.command_worker.submit("prepare", self._prepare)
 
     def state(self) -> RobotState:
         """Stop the robot, or the wait for an answer, and return the state of the panel."""
@@ -645,34 +649,57 @@ class CommandPanel(Panel):
         self._show_phase("paused" if paused else "driving")
         self._drive.start(planned, paused=paused)
 
-    def _mark(self, answer: Answer, labels: Sequence[Label]) -> None:
-        """Outline and number what a command means, or an answer speaks of, and dim all else."""
-        goal = Label("", answer.final_pose.x_m, answer.final_pose.y_m, GOAL_M, GOAL_M)
+    def _mark(self, answer: Answer, labels: Sequence[Label], stop: str = "") -> None:
+        """Outline and number what a command means, or an answer speaks of, and dim all else; ``stop`` names the end."""
+        goal = Label(stop, answer.final_pose.x_m, answer.final_pose.y_m, GOAL_M, GOAL_M)
         goals = {number for one in answer.goals for number in (one.instance, one.other_instance) if number}
         self._draw(Marks(labels=(*labels, goal)))
         self._light(frozenset(goals if answer.answer is None else answer.answer["instances"]))
 
-    def _meant(self, command: str) -> tuple[Answer, Sequence[Label]] | None:
-        """Read and plan a command without running it; None where it cannot be carried out, or is not complete."""
+    def _meant(self, command: str) -> tuple[Answer, Sequence[Label], tuple[str, ...]]:
+        """Read and plan a command without running it.
+
+        Raises:
+            SIMapsError: it cannot be carried out, or is not complete.
+        """
         simap = self._page.simap
+        if self._services.ask is None:
+            raise SIMapsError("commands: expected a service that carries them out, found none")
+        answer = self._services.ask(simap, command, self._page.pose, robot=self._page.robot)
+        return answer, *self._explain(simap, answer)
+
+    def _prepare(self) -> None:
         with contextlib.suppress(SIMapsError):
-            assert self._services.ask is not None
-            answer = self._services.ask(simap, command, self._page.pose, robot=self._page.robot)
-            return answer, self._explain(simap, answer)[0]
-        return None
+            self._meant(examples(self._page.simap)[0])
 
     def _preview(self) -> None:
-        """Outline and number what the typed command would mean."""
+        """Outline and number what the typed command would mean, draw the path, and say what Enter would do."""
         command = str(self._text.value)
         if self._hidden or self.uses_model or self._phase != "idle":  # a model is asked only what is sent to it
             return
-        meant = self._meant(command.strip()) if command.strip() else None
+        meant, reason = None, ""
+        try:
+            meant = self._meant(command.strip()) if command.strip() else None
+        except SIMapsError as error:
+            reason = str(error)
+        if meant is not None and meant[0].status != "ok":
+            meant, reason = None, outcome_text(meant[0])
         if self._phase != "idle" or command != str(self._text.value):
             return  # it runs, or goes on, meanwhile
         self._unmark()  # also what an earlier command meant
-        if meant is not None:
-            self._previews = True
-            self._mark(*meant)
+        if meant is None:
+            self._show_typed("Not a command yet" if reason else "", reason.partition(" Try: ")[0] or TYPING)
+            return
+        answer, labels, why = meant
+        self._previews = True
+        moves = answer.path_length_m > 0.0
+        self._mark(answer, labels, STOPS if moves else "")
+        if moves:
+            self._draw(replace(self._marks, path_m=answer.path_m))
+        if answer.answer is not None and not answer.goals:
+            self._show_typed("", "A question: Enter answers it.")
+        else:
+            self._show_typed("Enter does this", outcome_text(answer), why)
 
     def _end_typing(self) -> None:
         if self._typing is not None:
@@ -817,12 +844,20 @@ class CommandPanel(Panel):
         The tone is one of plain, good, bad. What the buttons have is not said once more in the text.
         """
         text = text.partition(" Try: ")[0] if instead else text
+        self._outcome = True
         self._instead = tuple(instead)
         self._examples.visible = not instead  # these are examples, too, and nearer to what was meant
         self._result.content = message_html(title, text, tone, more)
         for one, command in zip_longest(self._suggested, self._instead[:MAX_SUGGESTIONS]):
             if command is not None or one.visible:
                 one.label, one.visible = command or "", command is not None  # whole, over two lines if need be
+
+    def _show_typed(self, title: str, text: str, more: Sequence[str] = ()) -> None:
+        """Say what a command that is still being typed would do, in place of what came of the one before."""
+        self._show_program("")
+        self._show_other_reading(None)
+        self._show_result(title, text, more=more)
+        self._outcome = False
 
     def _show_program(self, program: str, line: int | None = None, *, stuck: bool = False) -> None:
         """Show the program; the given line (from 1) is marked as the current one, or as where it got stuck."""
@@ -882,7 +917,7 @@ class CommandPanel(Panel):
 
     def _add_outcome(self, gui: viser.GuiApi) -> None:
         self._progress = gui.add_progress_bar(0.0, visible=False)
-        self._result = gui.add_html(message_html("", "Try an example, or type what the robot shall do.", "plain"))
+        self._result = gui.add_html(message_html("", WELCOME, "plain"))
         self._instead: tuple[str, ...] = ()
         tries = [functools.partial(self._try_instead, i) for i in range(MAX_SUGGESTIONS)]
         self._suggested = [button(gui, "", do, icon=viser.Icon.ARROW_RIGHT, visible=False) for do in tries]
@@ -946,12 +981,15 @@ class CommandPanel(Panel):
             self._send(paused=False)
         elif text.strip():
             self._end_typing()
+            if self._outcome and self._phase == "idle":
+                self._show_typed("", TYPING)
             preview = functools.partial(self._page.command_worker.submit, "preview", self._preview)
             self._typing = threading.Timer(PREVIEW_S, preview)
             self._typing.daemon = True
             self._typing.start()
         elif self._phase == "idle":
             self._unmark()
+            self._show_typed("", WELCOME)
 
     def _pressed(self, name: str) -> None:
         if name == "Stop":

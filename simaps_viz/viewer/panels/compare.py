@@ -11,6 +11,7 @@ from html import escape
 from pathlib import Path
 from typing import Any, cast
 
+import numpy as np
 import viser
 
 from simaps_viz.colors.classes import plural
@@ -26,10 +27,11 @@ from simaps_viz.mapping.file import load_map
 from simaps_viz.mapping.in_space import has_voxels
 from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.simap import slider_of
-from simaps_viz.structures import SIMap
+from simaps_viz.structures import GridSpec, SIMap
 from simaps_viz.viewer.page.page import MAX_RESOLUTION, MIN_RESOLUTION, Page, Worker, cut_of
 from simaps_viz.viewer.page.panel import Panel, PanelSpec, button, button_row, by_person
 from simaps_viz.viewer.panels.map import MapPanel
+from simaps_viz.viewer.scene.annotations import Label
 from simaps_viz.viewer.scene.camera import Extent
 from simaps_viz.viewer.scene.map_scene import frame_extent
 
@@ -166,6 +168,14 @@ def ignored_lines(maps: TwoMaps) -> list[str]:
     else:
         small = f"under {left.least_cells} cells left, {right.least_cells} right"
     return [f"Too small to compare ({small}, or lying on one that is): {left.ignored} left, {right.ignored} right"]
+
+
+def _box_of(side: MapSide, number: int, spec: GridSpec) -> Extent:
+    """Return the extent of an object of one of the maps, metres."""
+    row, col = np.nonzero(side.instance == number)
+    corners = np.array([col.min(), row.min(), col.max() + 1, row.max() + 1]) * spec.cell_size_m
+    x0, y0, x1, y1 = (corners + (spec.x0_m, spec.y0_m) * 2).tolist()
+    return x0, y0, x1, y1
 
 
 def note(*lines: str, tone: str = "plain") -> str:
@@ -316,6 +326,8 @@ class SideChooser:
 ABOUT = "compare this map with another: of another method, other parameters, or the truth"
 LISTED = 5
 """Differences on a page of the list."""
+BESIDE_M = 0.1
+"""How far the dividing line is from the chosen difference."""
 HOW: Mapping[str, Mode] = {
     "Swipe": "swipe", "Side by side": "side by side", "One above the other": "stacked", "Errors": "errors"
 }  # fmt: skip
@@ -709,6 +721,7 @@ class ComparePanel(Panel):
     def _draw(self) -> None:
         pictures, share = self._pictures, float(self._line.value) / 100.0
         self._page.show_picture(None if pictures is None else pictures.picture(self._mode, share))
+        self._page.scene.texts.show("compare", self._labels())
         maps, content = self.maps, ""
         if pictures is not None and maps is not None and self._mode == "swipe":  # the page's script draws the handle
             told = json.dumps({"extent": maps.spec.extent_m, "share": self._line.value})
@@ -727,11 +740,29 @@ class ComparePanel(Panel):
         return (0,) if x_m < xmin + float(self._line.value) / 100.0 * (xmax - xmin) else (1,)
 
     def _divide(self, item: Item) -> None:
-        """Move the dividing line to the middle of a difference, so that both maps are seen there."""
+        """Move the dividing line to just beside a difference, so that it is whole on the map that has it."""
         if self._mode == "swipe" and self.maps is not None:
             xmin, _, xmax, _ = self.maps.spec.extent_m
-            share = ((item.extent_m[0] + item.extent_m[2]) / 2.0 - xmin) / (xmax - xmin)
-            self._line.value = round(100.0 * min(max(share, 0.0), 1.0))
+            x = item.extent_m[2] + BESIDE_M if item.left else item.extent_m[0] - BESIDE_M
+            share = 100.0 * min(max((x - xmin) / (xmax - xmin), 0.0), 1.0)
+            self._line.value = np.ceil(share) if item.left else np.floor(share)
+
+    def _labels(self) -> list[Label]:
+        """Name the objects of the chosen difference, each on its map."""
+        maps, item, pictures = self.maps, self._chosen, self._pictures
+        if maps is None or item is None or pictures is None:
+            return []
+        labels = []
+        sides = ((maps.left, item.left, (0.0, 0.0)), (maps.right, item.right, pictures.shift_m(self._mode)))
+        for at, (side, ids, (east, north)) in enumerate(sides):
+            names = [f"{side.names.get(one, f'instance {one}')} · {side.title}" for one in ids]
+            boxes = [_box_of(side, one, maps.spec) for one in ids]
+            if not ids:
+                names, boxes = [f"nothing · {side.title}"], [item.extent_m]
+            for name, (x0, y0, x1, y1) in list(zip(names, boxes, strict=True))[:MAX_NAMED]:
+                middle = (x0 + x1) / 2.0 + east, (y0 + y1) / 2.0 + north
+                labels.append(Label(name, *middle, (x1 - x0) / 2.0, (y1 - y0) / 2.0, 0.0, -1.0 if at else 1.0))
+        return labels
 
     def _look_at_all(self, pictures: TwoPictures) -> None:
         self._page.look_at(frame_extent(pictures.extent_m(self._mode)))

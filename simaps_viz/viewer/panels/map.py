@@ -69,7 +69,6 @@ class MapPanel(Panel):
         self._finish = button(gui, FINISH, page.finish, icon=viser.Icon.PLAYER_TRACK_NEXT, color="gray", visible=False)
         self._counts = gui.add_html("")
         self._busy, self._counts_before = False, ""
-        self._legend = gui.add_html("")
         views = {name: functools.partial(page.look, name) for name in (TOP, SLANT)}
         button_row(gui, "View", views, hint="From above, or the room in 3-D (keys T and 3).")
         # What of the surface is shown in the 3-D view.
@@ -97,8 +96,11 @@ class MapPanel(Panel):
         self._peek = button(gui, BEFORE, self.peek, color="gray", visible=False, hint=BEFORE_HINT)
         icon = viser.Icon.ARROW_BACK_UP
         self._reset = button(gui, "Reset", self.reset, icon=icon, color="gray", visible=False)
+        self._legend = gui.add_html("")
         self._was: tuple[SIMap, Cut] | None = None
-        """The map before the sliders were moved, and how it was cut."""
+        """The map before the sliders were moved, and how it was cut; while that is looked at, the one after."""
+        self._peeking = False
+        """Whether the map before is looked at."""
         self._from, self._moved_s = (simap, own), -np.inf
         """The same where the drag of a slider began that goes on, and when it was last moved."""
         self._shown, self._shown_cut = simap, own
@@ -141,7 +143,7 @@ class MapPanel(Panel):
 
     def base_changed(self, base: SIMap) -> None:
         """Set the sliders to the cut of the page."""
-        self._was, self._shown_cut = None, self._page.cut
+        self._was, self._shown_cut, self._peeking = None, self._page.cut, False
         joining = slider_of(base)
         self._origin.content = origin_html(base)
         self._k.label, self._k.hint = joining.title, joining.hint
@@ -181,7 +183,7 @@ class MapPanel(Panel):
         if self._was is not None:
             cut = self._was[1]
             self.set_sliders(cut.percent, cut.resolution)
-            self._cut(drag=False)
+            self._cut(drag=False, peeking=not self._peeking)
 
     def _describe_change(self) -> None:
         was, now = self._was, self._shown
@@ -190,9 +192,11 @@ class MapPanel(Panel):
             self._outline(now, ())
             return
         ids = changed_instances(was[0], now)
-        at = f"{slider_of(now).word} {self._shown_cut.percent:g} %"
-        said = f"{at}: {change_text(self._counted(was[0]), self._counted(now), len(ids))}"
-        self._change.content = f'<div class="simaps-change">{_line(said)}</div>'
+        at = f"{'Before' if self._peeking else 'Now'}: {cut_text(now, self._shown_cut, was[1])}"
+        before, after = (now, was[0]) if self._peeking else (was[0], now)
+        said = change_text(self._counted(before), self._counted(after), len(ids))
+        said = f"{at}. After, {cut_text(now, was[1], self._shown_cut)}: {said}" if self._peeking else f"{at}: {said}"
+        self._change.content = f'<div class="simaps-change" data-shown="{escape(at)}">{_line(said)}</div>'
         self._outline(now, ids)
 
     def _outline(self, simap: SIMap, ids: Sequence[int]) -> None:
@@ -328,9 +332,9 @@ class MapPanel(Panel):
         self.set_sliders(own.percent, own.resolution)
         self._cut(drag=False)
 
-    def _cut(self, *, drag: bool = True) -> None:
+    def _cut(self, *, drag: bool = True, peeking: bool = False) -> None:
         """Cut the map anew; ``drag`` counts moves that follow at once as one."""
-        now = time.monotonic()
+        now, self._peeking = time.monotonic(), peeking
         if not drag or now - self._moved_s > DRAG_S:
             self._from = self._shown, self._shown_cut
         self._moved_s = now if drag else -np.inf
@@ -370,6 +374,12 @@ def changed_instances(before: SIMap, after: SIMap) -> tuple[int, ...]:
     now, then = np.divmod(np.unique(now * many + then), many)  # the pairs that share a cell
     alone = (np.bincount(now)[now] == 1) & (np.bincount(then)[then] == 1) & (then > 0)
     return tuple(np.setdiff1d(now[now > 0], now[alone]).tolist())
+
+
+def cut_text(simap: SIMap, cut: Cut, other: Cut) -> str:
+    """Return how a map is cut, as far as another cut differs: "evidence 75 %"."""
+    parts = [f"{slider_of(simap).word} {cut.percent:g} %"] if cut.percent != other.percent else []
+    return ", ".join([*parts, *([f"resolution {cut.resolution:g}"] if cut.resolution != other.resolution else [])])
 
 
 def change_text(before: SIMap, after: SIMap, changed: int) -> str:

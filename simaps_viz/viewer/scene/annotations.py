@@ -109,8 +109,8 @@ def label_of(text: str, one: Instance) -> Label:
     return Label(text, *middle, *reach, z=(z0 + z1) / 2, reach_z=(z1 - z0) / 2, id=one.id)
 
 
-KINDS = ("selection", "command", "why", "rooms")
-"""Of texts, the most important first."""
+KINDS = ("selection", "command", "why", "rooms", "compare")
+"""Of texts, the most important first; the last are those of a picture that lies over the map."""
 
 
 class Texts:

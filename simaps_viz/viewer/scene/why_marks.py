@@ -15,7 +15,8 @@ from simaps_viz.mapping.methods import method_of
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.scene.annotations import Label, Texts, Zoom, draw_lines, line_share
 
-CUT: Color = (214, 39, 40)
+CUT: Color = (0, 128, 80)
+"""The weakest joint: it held, so no colour of alarm."""
 LINK: Color = (112, 120, 134)
 TARGET: Color = (0, 90, 200)
 SOURCE: Color = (230, 120, 0)

@@ -29,6 +29,7 @@
   for (const kind of ['pointerdown', 'pointerup', 'pointermove', 'wheel'])
     north.addEventListener(kind, (event) => event.stopPropagation());
 
+  const chip = make('div', 'simaps-shown', over);  // which of the two is shown, before a slider was moved or after
   const scale = make('div', 'simaps-scale', over);
   scale.setAttribute('role', 'img');
 
@@ -45,12 +46,12 @@
 
   // The objects of the map, and the texts on it, as the page was sent them.
   let sent = null, map = null, stateSent = null, state = { view: TOP, selected: null };
-  let textsSent = null, texts = [];
+  let textsSent = null, allTexts = [], texts = [];  // all, and those of what is shown: the map, or a picture over it
   const readTexts = () => {
     const one = document.querySelector('.simaps-texts');
     if (one === textsSent) return false;
     textsSent = one;
-    texts = one ? JSON.parse(one.dataset.texts) : [];
+    allTexts = one ? JSON.parse(one.dataset.texts) : [];
     return true;
   };
   const readState = () => {
@@ -206,7 +207,7 @@
     }
   };
   // Large objects first; a name is left out where it would cover another, or be far larger than its object.
-  const writeNames = (taken) => {
+  const writeNames = (taken, look) => {
     const [left, top] = at(toScreen, 0, 0), [right, bottom] = at(toScreen, map.cell, map.cell);
     const px = Math.hypot(right - left, bottom - top) / Math.SQRT2;
     for (const one of map.shown) {
@@ -219,7 +220,7 @@
       const box = [x - half, y - LINE / 2, x + half, y + LINE / 2];
       if (!isWhole(box) || !isFree(box, taken)) continue;
       taken.push(box);
-      place(text, x, y, 'simaps-name');
+      place(text, x, y, look);
     }
   };
 
@@ -302,11 +303,11 @@
     }
     return found;
   };
-  const writeAll = (plain, under) => {
+  const writeAll = (look, under) => {  // look: of the names, '' for none
     const taken = [];
     count = 0;
     writeTexts(taken, under);
-    if (plain && map) writeNames(taken);
+    if (look && map) writeNames(taken, look);
     for (; count < spans.length; count++) spans[count].hidden = true;
   };
   const drawOver = (canvas, plain) => {
@@ -326,7 +327,7 @@
       }
     }
     hint.hidden = !under;
-    writeAll(plain, under);
+    writeAll(plain ? 'simaps-name' : 'simaps-name simaps-pale', under);
     if (map && texts.some(([, text]) => text.startsWith('▶'))) {  // the ranks of others; the map itself outlines the target
       for (const [kind, text, ...label] of texts) {
         const one = kind === 'command' && !text.startsWith('▶') && map.objects.get(label[8]);
@@ -443,9 +444,14 @@
     if (readState()) changed = true;
     if (readTexts()) changed = true;
     if (readDivide()) changed = true;
+    const cut = document.querySelector('.simaps-change'), shown = cut && cut.offsetParent ? cut.dataset.shown : '';
+    if (chip.textContent !== shown) chip.textContent = shown;
+    chip.hidden = !shown || covered(viser);
     if (viser.cameraControl) hands(viser.cameraControl);
     toScreen = look(viser, canvas);
-    const isCovered = covered(viser), plain = !marked(viser), bare = !toScreen || isCovered, top = state.view === TOP;
+    const isCovered = covered(viser);
+    texts = allTexts.filter(([kind]) => (kind === 'compare') === isCovered);
+    const plain = !marked(viser), bare = !toScreen || isCovered, top = state.view === TOP;
     const now = `${toScreen}|${width}|${height}|${plain}|${bare}|${top}`;
     if (now === before && !changed) return;
     before = now;
@@ -460,11 +466,12 @@
     scale.hidden = !toScreen || !top;
     if (!scale.hidden) drawScale();
     drawing.hidden = bare || !top;
-    names.hidden = bare;
+    names.hidden = !toScreen;
     hint.hidden = true;
-    if (bare) return;
-    if (top) drawOver(canvas, plain);
-    else writeAll(false, null);
+    if (!toScreen) return;
+    if (bare) writeAll('', null);
+    else if (top) drawOver(canvas, plain);
+    else writeAll('', null);
   };
   window.requestAnimationFrame(tick);
 })();
