@@ -17,6 +17,7 @@ from simaps_viz.drawing.theme import LIGHT
 from simaps_viz.errors import InputError
 from simaps_viz.evaluation.two_maps import TRUTH, Source
 from simaps_viz.mapping.simap import repartition
+from simaps_viz.viewer.page.shared import keep_numbers, same_instances
 from simaps_viz.viewer.panels import map as map_panel
 from simaps_viz.viewer.panels.compare import MethodPanel, method_panel
 from simaps_viz.viewer.panels.map import FAINT, MapPanel, change_text, changed_instances
@@ -45,15 +46,50 @@ def plainly_changed(before, after):
 @pytest.mark.parametrize("k", [0.0, 3.0, 5.0, 12.0, 30.0, 60.0, 100.0])
 def test_what_changed_is_what_has_other_cells(k):
     whole, cut = toy_map(), repartition(toy_map(), k_percent=k)
-    assert changed_instances(whole, cut) == plainly_changed(whole, cut)
-    assert changed_instances(cut, whole) == plainly_changed(cut, whole)
-    assert changed_instances(whole, whole) == ()
+    for before, after in ((whole, cut), (cut, whole)):
+        others, edges = changed_instances(before, after)
+        assert tuple(sorted((*others, *edges))) == plainly_changed(before, after)
+        assert set(edges) == set(plainly_changed(before, after)) & set(plainly_same(before, after).values())
+    assert changed_instances(whole, whole) == ((), ())
+
+
+def plainly_same(before, after):
+    """{then: now} of the instances that overlap by more than half, pair by pair."""
+    pairs = {}
+    for one in before.instances:
+        for other in after.instances:
+            then, now = before.instance == one.id, after.instance == other.id
+            if (then & now).sum() > (then | now).sum() / 2:
+                pairs[one.id] = other.id
+    return pairs
+
+
+@pytest.mark.parametrize("k", [0.0, 12.0, 30.0, 100.0])
+@pytest.mark.parametrize("seed", range(6))
+def test_an_object_keeps_its_number_however_the_cut_calls_it(k, seed):
+    whole, cut = toy_map(), repartition(toy_map(), k_percent=k)
+    assert same_instances(whole, cut) == plainly_same(whole, cut)
+    of_id = np.zeros(21, int)
+    of_id[1:] = 1 + np.random.default_rng(seed).permutation(20)
+    ones = tuple(replace(one, id=int(of_id[one.id])) for one in cut.instances)
+    other = replace(cut, instance=of_id[cut.instance].astype(np.int32), instances=ones)
+    kept = keep_numbers(other, whole)
+    for then, now in plainly_same(whole, cut).items():
+        assert np.array_equal(kept.instance == then, cut.instance == now)
+    ids = [one.id for one in kept.instances]
+    assert len(set(ids)) == len(ids) == len(cut.instances) and set(ids) == set(np.unique(kept.instance)) - {0}
+    cells = {one.id: (one.label, one.cells) for one in kept.instances}
+    assert all(
+        (cut.by_id(int(cut.instance[kept.instance == i][0])).label, (kept.instance == i).sum()) == cells[i] for i in ids
+    )
 
 
 def test_the_words_name_the_classes_that_have_other_counts():
     whole, cut = toy_map(), repartition(toy_map(), k_percent=30.0)
-    assert change_text(whole, cut, 4) == "4 chairs (3 before), 3 dining tables (2 before), 4 objects changed"
-    assert change_text(whole, whole, 0) == "nothing changed"
+    said = "4 chairs (3 before), 3 dining tables (2 before)"
+    assert change_text(whole, cut, 4, 0) == f"{said}, 4 objects changed"
+    assert change_text(whole, cut, 0, 1) == f"{said}, 1 outline is slightly different"
+    assert change_text(whole, whole, 0, 0) == "nothing changed"
 
 
 def test_a_moved_slider_says_what_it_changed_and_one_button_shows_before(monkeypatch):
@@ -67,7 +103,7 @@ def test_a_moved_slider_says_what_it_changed_and_one_button_shows_before(monkeyp
         assert session.wait_idle() and panel._change.visible
         cut = session.simap
         assert "Now: K 30 %: 4 chairs (3 before), 3 dining tables (2 before), 4 obj" in panel._change.content
-        assert drawn[-1] == (cut, changed_instances(whole, cut))
+        assert drawn[-1] == (cut, changed_instances(whole, cut)[0])
         session.select(cut.instances[0].id)
         style = Style(lit=frozenset({cut.instances[0].id}))
         assert panel.style(cut, style).lit is None  # what changed is not pale while it is outlined
@@ -122,7 +158,7 @@ def test_a_drag_goes_on_while_its_map_is_cut_however_long_that_takes(monkeypatch
 
 def test_neighbours_are_outlined_each_for_itself():
     simap = repartition(toy_map(), k_percent=30.0)
-    ids = changed_instances(toy_map(), simap)
+    ids, _ = changed_instances(toy_map(), simap)
     alone = {tuple(map(tuple, np.round(line, 4))) for one in ids for line in outline_segments(simap, one)}
     assert {tuple(map(tuple, np.round(line, 4))) for line in outline_segments(simap, *ids)} == alone
 
@@ -159,7 +195,7 @@ def test_specks_are_faint_and_not_counted_by_thresholds_that_a_person_moves(monk
         panel._least_cells.value = cells[2]
         session.repaint()
         assert session.wait_idle() and panel.specks(session.simap) == few
-        assert f"{7 - len(few)} instances, and {len(few)} speck" in panel._counts.content
+        assert f"{7 - len(few)} instances · {len(few)} speck" in panel._counts.content
         assert "chair <b>3</b> + 2 specks" in legend_html(session.simap, "instance", specks={"chair": 2})
         painted, colors = drawn[-1].paint
         assert np.array_equal(painted, np.flatnonzero(np.isin(session.simap.instance, list(few))))

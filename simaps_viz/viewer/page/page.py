@@ -445,7 +445,7 @@ class Page:
         if all(simap.parameters.get(name) == published.parameters.get(name) for name in names):
             return simap
         resolution = float(published.parameters.get("resolution", DEFAULT_RESOLUTION))
-        return self.shared.cut_map(simap, joining_percent(published), resolution)
+        return self.shared.cut_map(simap, joining_percent(published), resolution, lasting=False)
 
     def _map_changed(self) -> None:
         simap = self.simap

@@ -3,7 +3,7 @@
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
@@ -153,13 +153,14 @@ class Shared:
         self._names: SharedCache[str] = SharedCache(MAX_PARTITIONS)
         self.pictures: SharedCache[bytes] = SharedCache(MAX_PICTURES, size=len, max_size=MAX_PICTURE_BYTES)
 
-    def cut_map(self, base: SIMap, percent: float, resolution: float) -> SIMap:
+    def cut_map(self, base: SIMap, percent: float, resolution: float, *, lasting: bool = True) -> SIMap:
         """Cut a map into instances.
 
         Args:
             base: the map as it was built.
             percent: K, or 100 x the affinity.
             resolution: Louvain resolution; new communities are found only if it differs from that of the base.
+            lasting: let instances that stay the same keep their numbers.
         """
         services = self._services
         cut = base
@@ -171,7 +172,10 @@ class Shared:
         if services.repartition is None:
             return cut
         join = services.repartition
-        return self.partitions.get((cut, percent), lambda: self._in_turn(lambda: join(cut, percent)))
+        joined = self.partitions.get((cut, percent), lambda: self._in_turn(lambda: join(cut, percent)))
+        if not lasting:
+            return joined
+        return self.partitions.get((cut, base, percent), lambda: keep_numbers(joined, base))
 
     def look_back(self, simap: SIMap, frame: int) -> SIMap | None:
         """Return the map as it was after a frame; None when no history is at hand."""
@@ -320,3 +324,37 @@ def then_text(look: SIMap) -> str:
     seen = float((~np.isnan(look.grid.height_m)).sum()) * look.spec.cell_size_m**2
     found = counts_text(look) if look.instances else "no instances yet"
     return f"{found} · {seen:.1f} m² seen"
+
+
+def keep_numbers(simap: SIMap, before: SIMap) -> SIMap:
+    """Return a map whose instances have the numbers of those of another map of the same grid that they still are.
+
+    An instance is still the same where its cells and the other's overlap by more than half (IoU), which no second one
+    can. One whose number is taken by that gets the number which became free.
+    """
+    kept = same_instances(before, simap)
+    number = {one.id: one.id for one in simap.instances} | {now: then for then, now in kept.items()}
+    for one in simap.instances:
+        if one.id in kept.values():
+            continue
+        while number[one.id] in kept:  # whose number is another's now: what that one was called is free
+            number[one.id] = kept[number[one.id]]
+    if all(now == then for now, then in number.items()):
+        return simap
+    of_id = np.arange(int(simap.instance.max(initial=0)) + 1, dtype=simap.instance.dtype)
+    of_id[list(number)] = list(number.values())
+    ones = (replace(one, id=number[one.id]) for one in simap.instances)
+    return replace(
+        simap, instance=of_id[simap.instance], instances=tuple(sorted(ones, key=lambda one: (one.label, one.id)))
+    )
+
+
+def same_instances(before: SIMap, after: SIMap) -> dict[int, int]:
+    """Return {id on one map: id on another of the same grid} of the instances that overlap by more than half (IoU)."""
+    areas = [np.bincount(one.instance.reshape(-1)) for one in (before, after)]
+    both = (before.instance > 0) & (after.instance > 0)
+    keys = before.instance[both].astype(np.int64) * len(areas[1]) + after.instance[both]
+    pairs, shared = np.unique(keys, return_counts=True)
+    then, now = np.divmod(pairs, len(areas[1]))
+    same = 2 * shared > areas[0][then] + areas[1][now] - shared
+    return dict(zip(then[same].tolist(), now[same].tolist(), strict=True))

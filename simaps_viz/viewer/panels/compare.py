@@ -144,7 +144,11 @@ def summary_html(maps: TwoMaps, theme: Theme = LIGHT) -> str:
         if count
     )
     lines.append(f'<table style="border-spacing:0">{rows}</table>')
-    lines += [f"{escape(side.title)}: {plural(side.count, 'instance')}" for side in (left, right)]
+    truth = reference if maps.score is not None else None
+    lines += [
+        f"{escape(side.title)}: {plural(side.count, 'instance')}{'' if side is truth else ', specks included'}"
+        for side in (left, right)
+    ]
     lines += ignored_lines(maps)
     score = maps.score
     if score is not None and (maps.items or score.over or score.under):

@@ -25,7 +25,7 @@ from simaps_viz.mapping.simap import slider_of
 from simaps_viz.structures import Instance, Room, SIMap
 from simaps_viz.viewer.page.page import MAX_RESOLUTION, MIN_RESOLUTION, Cut, Page, cut_of
 from simaps_viz.viewer.page.panel import Panel, button, button_row, by_person
-from simaps_viz.viewer.page.shared import Snapshot
+from simaps_viz.viewer.page.shared import Snapshot, same_instances
 from simaps_viz.viewer.scene.camera import SLANT, TOP
 from simaps_viz.viewer.scene.map_scene import FULL_HEIGHT_M, Style
 
@@ -191,13 +191,13 @@ class MapPanel(Panel):
         if was is None:
             self._outline(now, ())
             return
-        ids = changed_instances(was[0], now)
+        ids, edges = changed_instances(was[0], now)
         at = f"{'Before' if self._peeking else 'Now'}: {cut_text(now, self._shown_cut, was[1])}"
         before, after = (now, was[0]) if self._peeking else (was[0], now)
-        said = change_text(self._counted(before), self._counted(after), len(ids))
+        said = change_text(self._counted(before), self._counted(after), len(ids), len(edges))
         said = f"{at}. After, {cut_text(now, was[1], self._shown_cut)}: {said}" if self._peeking else f"{at}: {said}"
         self._change.content = f'<div class="simaps-change" data-shown="{escape(at)}">{_line(said)}</div>'
-        self._outline(now, ids)
+        self._outline(now, ids or edges)
 
     def _outline(self, simap: SIMap, ids: Sequence[int]) -> None:
         """Outline what changed, for a moment."""
@@ -361,19 +361,26 @@ def without(simap: SIMap, ids: Collection[int]) -> SIMap:
 
 
 def counts_html(simap: SIMap, specks: Collection[int]) -> str:
-    """Set the number of objects of each class in a line; specks are counted apart."""
-    faint = f", and {plural(len(specks), 'speck')}, seen too little to count" if specks else ""
-    return _line(counts_text(without(simap, specks)) + faint)
+    """Set the number of objects of each class in a line; specks, and what lies below others, are counted apart."""
+    faint = f" · {plural(len(specks), 'speck')}, seen too little to count" if specks else ""
+    below = f" · {len(simap.hidden)} below other things" if simap.hidden else ""
+    return _line(counts_text(without(simap, specks)) + faint + below)
 
 
-def changed_instances(before: SIMap, after: SIMap) -> tuple[int, ...]:
-    """Return the ids of the instances of a map whose cells, together, are no instance of another map of that grid."""
+def changed_instances(before: SIMap, after: SIMap) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Return which instances of a map are no longer one of another map of that grid, and which are in other cells.
+
+    Returns:
+        ids of those that overlap none of the other map by more than half (IoU), and of those that do, not quite.
+    """
     some = (before.instance > 0) | (after.instance > 0)
     then, now = before.instance[some].astype(np.int64), after.instance[some].astype(np.int64)
     many = int(then.max(initial=0)) + 1
     now, then = np.divmod(np.unique(now * many + then), many)  # the pairs that share a cell
     alone = (np.bincount(now)[now] == 1) & (np.bincount(then)[then] == 1) & (then > 0)
-    return tuple(np.setdiff1d(now[now > 0], now[alone]).tolist())
+    others = np.setdiff1d(now[now > 0], now[alone])
+    same = np.isin(others, list(same_instances(before, after).values()))
+    return tuple(others[~same].tolist()), tuple(others[same].tolist())
 
 
 def cut_text(simap: SIMap, cut: Cut, other: Cut) -> str:
@@ -382,8 +389,15 @@ def cut_text(simap: SIMap, cut: Cut, other: Cut) -> str:
     return ", ".join([*parts, *([f"resolution {cut.resolution:g}"] if cut.resolution != other.resolution else [])])
 
 
-def change_text(before: SIMap, after: SIMap, changed: int) -> str:
-    """Describe how many objects of which classes there are instead: "54 chairs (31 before), 23 objects changed"."""
+def change_text(before: SIMap, after: SIMap, changed: int, edges: int) -> str:
+    """Describe how many objects of which classes there are instead: "54 chairs (31 before), 23 objects changed".
+
+    Args:
+        before: the map.
+        after: that which is shown instead.
+        changed: how many objects are others, joined or split.
+        edges: how many are the same, in cells that are not quite the same.
+    """
     old, new = before.counts(), after.counts()
     moved = sorted(
         (name for name in {**old, **new} if old.get(name, 0) != new.get(name, 0)),
@@ -391,9 +405,9 @@ def change_text(before: SIMap, after: SIMap, changed: int) -> str:
     )
     parts = [f"{plural(new.get(name, 0), name)} ({old.get(name, 0)} before)" for name in moved[:MAX_MOVED]]
     rest = [f"{plural(len(moved) - MAX_MOVED, 'more class')}"] if len(moved) > MAX_MOVED else []
-    if not changed and not parts:
-        return "nothing changed"
-    return ", ".join((*parts, *rest, f"{plural(changed, 'object')} changed"))
+    same = [f"{plural(edges, 'outline')} {'is' if edges == 1 else 'are'} slightly different"] if edges else []
+    others = [f"{plural(changed, 'object')} changed"] if changed else []
+    return ", ".join((*parts, *rest, *others, *same)) or "nothing changed"
 
 
 def _first_mode(simap: SIMap) -> ColorMode:

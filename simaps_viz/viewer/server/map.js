@@ -209,9 +209,9 @@
   // Large objects first; a name is left out where it would cover another, or be far larger than its object.
   const writeNames = (taken, look) => {
     const [left, top] = at(toScreen, 0, 0), [right, bottom] = at(toScreen, map.cell, map.cell);
-    const px = Math.hypot(right - left, bottom - top) / Math.SQRT2;
+    const px = Math.hypot(right - left, bottom - top) / Math.SQRT2, named = new Set(texts.map((one) => one[1] && one[10]));
     for (const one of map.shown) {
-      if (one.id === state.selected || !shows(one.label)) continue;
+      if (one.id === state.selected || !shows(one.label) || named.has(one.id)) continue;
       const wide = (one.east - one.west) * px, high = (one.north - one.south) * px;
       if (high < 13 || wide < 13) continue;
       const text = [one.name, one.label].find((words) => widthOf(words) <= 1.6 * wide);
@@ -277,7 +277,9 @@
     changed = true;
   }, true);
   document.documentElement.addEventListener('pointerleave', () => { pointer = null; changed = true; });
+  let drawn = false;
   const draw = (context, one, thin) => {
+    drawn = true;
     const path = outlineOf(one), dark = document.documentElement.dataset.mantineColorScheme === 'dark';
     const corner = at(toScreen, ...cellToMap(0, 0)), east = at(toScreen, ...cellToMap(1, 0)), up = at(toScreen, ...cellToMap(0, 1));
     const scale = window.devicePixelRatio || 1, px = Math.hypot(east[0] - corner[0], east[1] - corner[1]);
@@ -315,6 +317,7 @@
     const [w, h] = [Math.round(width * scale), Math.round(height * scale)];
     if (drawing.width !== w || drawing.height !== h) { drawing.width = w; drawing.height = h; }
     else context.clearRect(0, 0, w, h);
+    drawn = false;
     let under = null;
     if (map && pointer && !pressed) {
       const box = canvas.getBoundingClientRect(), [x, y] = [pointer[0] - box.left, pointer[1] - box.top];
@@ -336,6 +339,7 @@
     }
     if (map && pointed) for (const one of map.shown) if (one.label === pointed) draw(context, one, true);
     if (under) draw(context, under, false);
+    drawing.hidden = !drawn;  // some graphics go on showing what was last on a canvas that was only cleared
   };
 
   // The legend: what is pointed to is outlined, a press shows a class alone or fades it.

@@ -27,9 +27,11 @@
   document.addEventListener('pointerdown', (event) => {
     if (!event.isTrusted) return;
     wanted = [];
-    // A press ends all hints: viser keeps that of a control that the press replaces or hides.
-    for (const one of document.querySelectorAll('.mantine-Tooltip-tooltip')) one.dataset.pressed = '';
+    endHints();
   }, true);
+  // A press ends all hints: viser keeps that of a control that the press replaces or hides. So does typing.
+  const endHints = () => { for (const one of document.querySelectorAll('.mantine-Tooltip-tooltip')) one.dataset.pressed = ''; };
+  document.addEventListener('input', endHints, true);
   window.addEventListener('pagehide', () => {
     const open = tabs().filter(isOpen).map(titleOf);
     try { if (open.length) sessionStorage.setItem(OPEN, JSON.stringify(open)); } catch { /* as above */ }
