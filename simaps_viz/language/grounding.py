@@ -4,7 +4,7 @@ Distances are in metres on the map plane between the centres of the nearest cell
 within a cell; 1 is the closest, ties go to the smaller instance id.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Final
@@ -29,6 +29,12 @@ OPAQUE_HEIGHT_M: Final = 1.5
 """Cells at least this high cannot be looked over by a robot that drives there."""
 MAX_LOOKED: Final = 100_000_000
 """What the functions of one program may look at together: cells, and pairs of things."""
+_SURE, _OFTEN = 0.5, 5
+"""Score and number of frames that a hidden thing needs to be spoken of."""
+_BELOW: Final = 0.75
+"""The share of a thing that has to be below another one for it to stand there."""
+_FLOOR_M: Final = 0.1
+"""Up to which height what stands on the floor begins: below a bed or desk it is there as what is in sight is."""
 _ALL: Final = ("anything", "everything", "something", "all")
 
 
@@ -57,6 +63,8 @@ class Things:
     """Words after it, as in "on your left"."""
     missing: str | None = None
     """Where the map lacks what was named: the sentence that says so."""
+    instead: tuple[Any, ...] = ()
+    """What else of its name may be meant where a relation fits none of it, as of "the table" another table."""
     most: str = ""
     """What the first is among them, as in "leftmost"; said of it once it is chosen."""
 
@@ -230,7 +238,18 @@ class Grounding:
             known = word in KNOWN_THINGS or plain(name) in KNOWN_THINGS
             return Things((), word if known else name.strip(), plural(word), missing=str(error))
         noun = "thing" if name.strip().lower() in _ALL else plain(labels[0]) if len(labels) == 1 else word
-        return Things(tuple(self.ranked(self.members(name))), noun, plural(noun))
+        below = [i for i in self.unseen(labels) if not i.on and i.aabb_m[0][2] < _FLOOR_M]
+        below = [i for i in below if max(i.under.values(), default=0.0) >= _BELOW]
+        return Things(tuple(self.ranked([*self.members(name), *below])), noun, plural(noun))
+
+    def unseen(self, labels: Collection[str]) -> list[Instance]:
+        """Return what lies under, in or on other things, so that no cell shows it, of some classes.
+
+        What a network saw a few times only, or was not sure of, is left out, and what meets a thing of its class that
+        cells show: it is that thing, seen again.
+        """
+        sure = [i for i in self.simap.hidden if i.label in labels and i.score >= _SURE and i.frames >= _OFTEN]
+        return [i for i in sure if not any(_meet(i, other) for other in self.simap.of_class(i.label))]
 
     # ---- ranks
 
@@ -333,6 +352,11 @@ class Grounding:
         self.look(work / 10.0)
         apart = self.cells.metres(pairs[:, 2]).tolist()
         return list(zip(pairs[:, 0].tolist(), pairs[:, 1].tolist(), apart, strict=True))
+
+
+def _meet(a: Instance, b: Instance) -> bool:
+    """Whether the boxes of two things have a part in common."""
+    return all(a.aabb_m[0][k] <= b.aabb_m[1][k] and b.aabb_m[0][k] <= a.aabb_m[1][k] for k in range(3))
 
 
 def one_thing(thing: Any) -> Things:

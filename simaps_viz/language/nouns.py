@@ -119,6 +119,13 @@ class Phrase:
         """Return what a distance is measured from: of several things of a name the nearest, unless any will do."""
         return self.argument if self.any or self.many else replace(self, text=self.single).argument
 
+    @property
+    def definite(self) -> str:
+        """Return what a relation is to: as `measure`, or another of its name if only that one fits."""
+        if self.any or self.many or self.text.startswith("‹") or self.single == self.text:
+            return self.measure
+        return f"the({self.text})"
+
 
 @dataclass(frozen=True)
 class Part:
@@ -729,7 +736,7 @@ def _behind(np: Phrase) -> Parts:
 @_rule("relation", "near:NEAR np", "_near np")
 def _close(np: Phrase, near: str = "") -> Parts:
     beside = re.search(r"next to|beside|against|alongside", near) is not None
-    return (Part("near", np.argument, number=int(beside), phrase=np, definite=np.measure),)
+    return (Part("near", np.argument, number=int(beside), phrase=np, definite=np.definite),)
 
 
 @_rule("relation", "(TO | AWAY? FROM | OF) np", cost=-0.05)
@@ -773,12 +780,12 @@ def _within(distance: Any, np: Phrase) -> Parts:
 def _on(np: Phrase | None = None, within: Phrase | None = None) -> Parts:
     name, of = ("inside", within) if within else ("on", np)
     assert of is not None
-    return _filter(f"{name}({{}}, {of.argument})", of, definite=f"{name}({{}}, {of.measure})")
+    return _filter(f"{name}({{}}, {of.argument})", of, definite=f"{name}({{}}, {of.definite})")
 
 
 @_rule("relation", "UNDER np")
 def _under(np: Phrase) -> Parts:
-    return _filter(f"under({{}}, {np.argument})", np, definite=f"under({{}}, {np.measure})")
+    return _filter(f"under({{}}, {np.argument})", np, definite=f"under({{}}, {np.definite})")
 
 
 @_rule("relation", "FACING np", cost=-0.1)

@@ -47,14 +47,13 @@ _AT_WALL_M: Final = 0.35
 _IN_CORNER_M: Final = 0.6
 _HANGING_M: Final = 0.4
 """What begins that far above a top hangs over it: it does not stand on it."""
-_SPECK_M2: Final = 0.05
 _NOBODY_M: Final = 0.5
 _WITHIN: Final = 0.5
+_RELATIONS: Final = ("near", "on", "under", "inside", "side", "facing", "opposite", "between")
+_SPECK_M2: Final = 0.05
 _NO_COLORS: Final = "The colours of things are not known on this map."
 _ACROSS_M: Final = 0.6
 """What is opposite a thing is at least this far from it: the table in front of a couch is not."""
-_SURE, _OFTEN = 0.5, 5
-"""Score and number of frames that a hidden thing needs to be spoken of."""
 _ROUND, _LONG, _SQUARE = 0.82, 1.6, 1.25
 _ROUGHLY_ROUND, _BOXY = 0.7, 0.89
 """The share that a square fills of its circle is .64; of its box a circle fills .79, a square all."""
@@ -135,7 +134,15 @@ class Sets(Grounding):
             PlanningError: when there is no way around, or the work exceeds its limit.
         """
         self.look(sum(len(value) for value in arguments.values() if isinstance(value, Things)) + 1)
-        return getattr(self, f"_{function.name}")(**arguments)
+        found = getattr(self, f"_{function.name}")(**arguments)
+        if isinstance(found, Things) and not found.items and function.name in _RELATIONS:
+            # "The bottles on the counter" are on that counter which has bottles, if the nearest has none.
+            for name, value in arguments.items():
+                for other in value.instead if name != "S" and isinstance(value, Things) else ():
+                    fitting = getattr(self, f"_{function.name}")(**{**arguments, name: one_thing(other)})
+                    if fitting.items:
+                        return fitting
+        return found
 
     # ---- what arguments mean
 
@@ -447,20 +454,14 @@ class Sets(Grounding):
         return any(pairs.get(other.id, 0.0) >= _WITHIN for other in others)
 
     def _hidden(self, S: Named, T: Named, relations: Sequence[str]) -> dict[int, Instance]:
-        """Return {id: thing} of those that no cell shows, are of a class of S, and stand so to one of T.
-
-        What a network saw a few times only, or was not sure of, is left out, and what meets a thing of its class that
-        cells show: it is that thing, seen again.
-        """
+        """Return {id: thing} of those that no cell shows, are of a class of S, and stand so to one of T."""
         self.look(len(self.simap.hidden))
-        labels, others = {i.label for i in self.things_of(S)}, self.things_of(T)
-        sure = [i for i in self.simap.hidden if i.label in labels and i.score >= _SURE and i.frames >= _OFTEN]
-        so = [i for i in sure if self._stands_so(i, others, relations)]
-        return {i.id: i for i in so if not any(_meet(i, other) for other in self.simap.of_class(i.label))}
+        things, others = self.things_of(S), self.things_of(T)
+        return {i.id: i for i in self.unseen({i.label for i in things}) if self._stands_so(i, others, relations)}
 
-    def _joined(self, S: Named, more: Mapping[int, Instance]) -> Things:
+    def _joined(self, S: Named, more: dict[int, Instance]) -> Things:
         found = self.set_of(S)
-        return found.of(self.ranked([*found.items, *more.values()])) if more else found
+        return found.of(self.ranked([*({i.id: i for i in found.items} | more).values()])) if more else found
 
     def _standing(
         self, things: Sequence[Instance], others: Sequence[Instance], *, lower: bool = False, hanging: bool = True
@@ -488,7 +489,9 @@ class Sets(Grounding):
         return [(int(i), int(j)) for i, j in np.argwhere(within)]
 
     def _top_m(self, thing: Instance) -> float:
-        """Return the median height of a thing's cells."""
+        """Return the median height of a thing's cells, or the top of what no cell shows."""
+        if thing in self.simap.hidden:
+            return thing.aabb_m[1][2]
         return float(np.nanmedian(self.simap.grid.height_m[self.cells.rows_and_cols(thing.id)]))
 
     def _share_within(self, thing: Instance, other: Instance) -> float:
@@ -891,6 +894,10 @@ class Sets(Grounding):
     def _first(self, S: Named, n: int) -> Things:
         return self._choice_of(self.set_of(S)).first(n)
 
+    def _the(self, S: Named) -> Things:
+        found = self.set_of(S)
+        return replace(self._few(found, "near", 1, ""), instead=found.items[1:]) if len(found) > 1 else found
+
     def _last(self, S: Named, n: int) -> Things:
         found = self._choice_of(self.set_of(S))
         found.expect(n)
@@ -1105,11 +1112,6 @@ class Sets(Grounding):
 def _the(room: Room) -> str:
     """Return "the kitchen", but "room 3"."""
     return room.name if room.name[-1:].isdigit() else f"the {room.name}"
-
-
-def _meet(a: Instance, b: Instance) -> bool:
-    """Whether the boxes of two things have a part in common."""
-    return all(a.aabb_m[0][k] <= b.aabb_m[1][k] and b.aabb_m[0][k] <= a.aabb_m[1][k] for k in range(3))
 
 
 def _side_words(side: str, the: str) -> str:

@@ -345,10 +345,10 @@ def test_what_is_told_before_an_order_is_what_it_speaks_of() -> None:
             'robot.move_to_object("couch")\nrobot.move_to_object("chair")',
         ),
         ("take me to the couch where I can read", 'robot.move_to_object("couch")'),
-        ("isn't there a chair next to the couch?", 'tell(near(things("chair"), nearest(things("couch"))), "whether")'),
+        ("isn't there a chair next to the couch?", 'tell(near(things("chair"), the(things("couch"))), "whether")'),
         (
             "what is next to the couch that is not a chair?",
-            'tell(minus(near(things("anything"), nearest(things("couch"))), things("chair")), "what")',
+            'tell(minus(near(things("anything"), the(things("couch"))), things("chair")), "what")',
         ),
         ("chair number 2 from the left", 'robot.move_to_object(nth(order(things("chair"), "left"), 2))'),
         ("go to the chair, the red", 'robot.move_to_object(colored(things("chair"), "red"))'),
@@ -593,7 +593,7 @@ def test_numbers_that_no_program_may_hold_are_refused_in_a_line(said: str, numbe
         ("give me the distance from the chair to the couch", 'tell(things("chair"), "distance", "couch")'),
         ("tell me color of couch", 'tell(things("couch"), "color")'),
         ("check if the chair is under a table", 'tell(under(things("chair"), "dining table"), "whether")'),
-        ("might the chair be near the couch?", 'tell(near(things("chair"), nearest(things("couch"))), "whether")'),
+        ("might the chair be near the couch?", 'tell(near(things("chair"), the(things("couch"))), "whether")'),
         ("who's taller, the couch or the chair?", 'tell(first(order(union("couch", "chair"), "tall")), "which")'),
         ("are there as many chairs as couches?", 'tell(count(things("chair")) == count(things("couch")), "whether")'),
         ("I fancy a couch. Where's it standing?", 'tell(things("couch"), "where")'),
@@ -618,13 +618,13 @@ def test_numbers_that_no_program_may_hold_are_refused_in_a_line(said: str, numbe
         ),
         (
             "what is on the table besides the chair?",
-            'tell(minus(on(things("anything"), nearest(things("dining table"))), "chair"), "what")',
+            'tell(minus(on(things("anything"), the(things("dining table"))), "chair"), "what")',
         ),
         # conditions one after the other, and orders without an end
         (
             "if a chair is by the couch, face the couch; if there is one by the table, face the table; else turn left",
-            'if count(near(things("chair"), nearest(things("couch")))) > 0:\n    robot.face("couch")\nelse:\n'
-            '    if count(near(things("chair"), nearest(things("dining table")))) > 0:\n'
+            'if count(near(things("chair"), the(things("couch")))) > 0:\n    robot.face("couch")\nelse:\n'
+            '    if count(near(things("chair"), the(things("dining table")))) > 0:\n'
             '        robot.face("dining table")\n'
             "    else:\n        robot.turn(-90)",
         ),

@@ -68,7 +68,7 @@ def test_a_chart_keeps_the_likeliest_readings_of_a_pattern() -> None:
          'robot.move_to_object(minus(minus(things("chair"), colored(things("chair"), "red")), '
          'near(minus(things("chair"), colored(things("chair"), "red")), "dining table")))'),
         ("visit the chairs around the table",
-         'for chair in near(things("chair"), nearest(things("dining table"))):\n    robot.move_to_object(chair)'),
+         'for chair in near(things("chair"), the(things("dining table"))):\n    robot.move_to_object(chair)'),
         ("go to every chair near a table",
          'for chair in near(things("chair"), "dining table"):\n    robot.move_to_object(chair)'),
         ("two and a half laps around the couch",
@@ -179,10 +179,10 @@ def test_a_chart_keeps_the_likeliest_readings_of_a_pattern() -> None:
         ("on how many of the tables is there a plant?",
          'tell(having(things("dining table"), "potted plant"), "count")'),
         ("are there two or three chairs?", 'tell(things("chair"), "count")'),
-        ("how many people can sit at the table?", 'tell(near(things("seat"), nearest(things("dining '
+        ("how many people can sit at the table?", 'tell(near(things("seat"), the(things("dining '
         'table"))), "count")'),
         ("what else is on the table with the plant?",
-         'tell(minus(on(things("anything"), first(having(things("dining table"), "potted plant"))), '
+         'tell(minus(on(things("anything"), the(having(things("dining table"), "potted plant"))), '
          '"potted plant"), "what")'),
         ("compare the couch with the plant: which one's taller?",
          'tell(first(order(union("couch", "potted plant"), "tall")), "which")'),
