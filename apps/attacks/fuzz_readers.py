@@ -156,7 +156,7 @@ FOLDERS = ("tum", "seven_scenes", "scannet", "replica", "nerfstudio", "habitat",
 LARGE = ("tum", "seven_scenes")
 """Their pictures have 640 x 480 pixels."""
 APPS = ("record3d_folder", "record3d_zip", "record3d_exr")
-SLAM = ("colmap", "instant_ngp", "redwood", "rtabmap", "slam_folder", "stray_scanner", "pose_lines")
+SLAM = ("colmap", "instant_ngp", "redwood", "rtabmap", "slam_folder", "stray_scanner", "pose_lines", "matrix_lines")
 BAGS = ("ros1_bag", "ros2_sqlite", "ros2_mcap")
 
 READER_TARGETS = (

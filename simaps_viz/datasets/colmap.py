@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from simaps_viz.datasets.calibration import Lens, from_quaternion, numbers, pinhole
 from simaps_viz.datasets.file_frames import FileFrames, depth_npy, depth_png, names_of
 from simaps_viz.datasets.images import image_size
+from simaps_viz.datasets.manifest import few
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, complete, left_out
 from simaps_viz.errors import InputError
 from simaps_viz.geometry import invert_pose, spread, transform_points
@@ -67,7 +68,10 @@ def _open(path: Path) -> Recording:
     found = [(picture, folder / picture.name, _depth_file(depths, picture.name)) for picture in pictures]
     kept = [(p, color, depth) for p, color, depth in found if depth is not None and color.is_file()]
     if not kept:
-        raise InputError(f"{depths}: expected depth named as the pictures, found none for {len(pictures)} pictures")
+        names = few([picture.name for picture in pictures])
+        there = few(sorted(file.name for file in depths.iterdir()))
+        expected = f"{depths}: expected depth named as the reconstruction's {len(pictures)} pictures ({names})"
+        raise InputError(f"{expected}, found {there or 'none'}")
     kept.sort(key=lambda item: item[0].name)
     color_files, depth_files = [color for _, color, _ in kept], [depth for _, _, depth in kept if depth is not None]
     missing = next((p for p, _, _ in kept if p.camera not in cameras), None)

@@ -91,11 +91,11 @@ def find_gravity(frames: Iterable[Frame], *, up: NDArray | None = None) -> Gravi
         poses, surface = np.stack([frame.T_world_camera for frame in frames]), sample_surface(frames)
     if up is None:
         unit_up, source = _up_without_floor(surface, poses)
-        up_note = f"no floor is in view: up is {source} (--up X,Y,Z states it)"
+        up_note = f"no floor is in view: up is a guess, {source}; --up X,Y,Z states it"
     else:
         unit_up, up_note = np.asarray(up, dtype=np.float64) / np.linalg.norm(up), ""
     floor_height_m, floor = _floor_or_lowest(surface, poses, unit_up)
-    floor_note = f"no floor is in view: {floor} is taken as its height (--floor-height states it)" if floor else ""
+    floor_note = f"no floor is in view: {floor} is taken as its height; --floor-height M states it" if floor else ""
     return Gravity(unit_up, floor_height_m, up_note, floor_note)
 
 
@@ -210,14 +210,16 @@ def _vote(normals: NDArray, priors: list[NDArray]) -> NDArray:
     lattice = _fibonacci_sphere(800)
     every = max(1, len(normals) // 20000)
     votes = (normals[::every] @ lattice.T > np.cos(np.deg2rad(10.0))).sum(axis=0)
+    on_side = len(priors) > 1 and np.array_equal(priors[1], -priors[0])
+    upright = None if on_side else priors[0]
     for prior in priors:
         if np.linalg.norm(prior) < NO_PRIOR:
             continue
         in_cone = lattice @ prior / np.linalg.norm(prior) > np.cos(np.deg2rad(PRIOR_CONE_DEG))
         if votes[in_cone].max() >= PRIOR_SHARE * votes.max():
             return lattice[int(np.argmax(np.where(in_cone, votes, 0)))]
-    if len(priors) == 1 and _walls_up(normals, priors[0]) is not None:
-        raise InputError("expected a floor, found walls only")
+        if prior is upright and _walls_up(normals, prior) is not None:  # else the side of a shelf would be the floor
+            raise InputError("expected a floor, found walls only")
     return lattice[int(np.argmax(votes))]
 
 

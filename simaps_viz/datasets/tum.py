@@ -6,8 +6,9 @@ both are undistorted alike.
 
 People who record for RGB-D SLAM have the same lists, but a trajectory of their own, such as ORB-SLAM saves. Colour and
 depth are paired by a list of both (``associations.txt``, as TUM's associate.py prints it), else by the two lists. The
-world is the first camera's, so up is estimated. Where there is no list, a trajectory without times (``pose.txt``: seven
-numbers a line, as in slambook's examples) has a line for each picture. All these folders have to hold their camera.
+world is the first camera's, so up is estimated. Where there is no list, a trajectory without times (``pose.txt`` or
+``poses.txt``: seven numbers a line, as in slambook's examples, or a matrix, as in DeepVideoMVS's) has a line for each
+picture. All these folders have to hold their camera.
 """
 
 import os
@@ -18,7 +19,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.datasets.association import interpolate_poses, match_frames, posed_pairs, read_trajectory
-from simaps_viz.datasets.calibration import Lens, from_quaternion, number_rows, numbers, pinhole, read_intrinsics, words
+from simaps_viz.datasets.calibration import (
+    Lens,
+    from_quaternion,
+    number_rows,
+    numbers,
+    pinhole,
+    read_intrinsics,
+    rigid,
+    words,
+)
 from simaps_viz.datasets.file_frames import FileFrames, by_line, depth_png, number_of, numbered, present
 from simaps_viz.datasets.images import image_size
 from simaps_viz.datasets.manifest import few
@@ -37,13 +47,17 @@ TUM = FormatFacts(
 SLAM = FormatFacts(
     title="RGB-D SLAM folder",
     recognised_by="`associations.txt`, or `rgb.txt`, `depth.txt`; with `CameraTrajectory.txt` or another trajectory; "
-    "or `pose.txt`, `depth/`, `color/` or `rgb/`",
+    "or `pose.txt` or `poses.txt`, `depth/`, `color/` or `rgb/` or `images/`",
     depth="16-bit PNG or PGM",
     depth_unit_m=DEPTH_UNIT_M,
     pose=TUM.pose,
 )
-NUMBERED, NUMBERED_UNIT_M = "pose.txt", 0.001
-"""The trajectory without times, a line for each picture, and the unit of depth that goes with it."""
+NUMBERED, NUMBERED_UNIT_M = ("pose.txt", "poses.txt"), 0.001
+"""Names of the trajectory without times, a line for each picture, and the unit of depth that goes with it."""
+NUMBERED_COLUMNS = (7, 12, 16)
+"""Numbers in its lines: position and quaternion, or three or four rows of a matrix."""
+PICTURES, DEPTH_IMAGES = ("color", "rgb", "images"), "*.p[ng][gm]"
+MATRICES = ("intrinsics.txt", "K.txt")
 LISTS = ("associations.txt", "*assoc*.txt", "rgb-depth*.txt")
 """Names that people give what associate.py prints; the first that is there counts."""
 TRAJECTORIES = ("groundtruth.txt", "CameraTrajectory.txt", "KeyFrameTrajectory.txt", "trajectory.txt")
@@ -85,11 +99,12 @@ def _has_lists(path: Path) -> bool:
 
 
 def _is_numbered(path: Path) -> bool:
-    return (path / NUMBERED).is_file() and (path / "depth").is_dir() and _pictures(path).is_dir()
+    depth = next((path / "depth").glob(DEPTH_IMAGES), None)  # VLMaps' are .npy
+    return _first(path, NUMBERED) is not None and depth is not None and _pictures(path).is_dir()
 
 
 def _pictures(path: Path) -> Path:
-    return path / "color" if (path / "color").is_dir() else path / "rgb"
+    return next((path / name for name in PICTURES if (path / name).is_dir()), path / PICTURES[0])
 
 
 def _open_slam(path: Path) -> Recording:
@@ -135,17 +150,16 @@ SLAM_READER = Reader(SLAM, _is_slam, _open_slam)
 
 def _open_numbered(path: Path) -> Recording:
     """Open pictures whose poses are in the order of their numbers, which start at 0 or 1."""
-    rows = number_rows(path / NUMBERED, 7)
-    files = [
-        numbered(folder, "*.p[ng][gm]") or numbered(folder, "*.jpg") for folder in (path / "depth", _pictures(path))
-    ]
+    rows = _numbered_rows(_first(path, NUMBERED) or path / NUMBERED[0])
+    folders = path / "depth", _pictures(path)
+    files = [numbered(folder, DEPTH_IMAGES) or numbered(folder, "*.jpg") for folder in folders]
     first = min((int(number_of(file)) for file in files[0]), default=0)
     depth, color = (by_line(kind, len(rows), first=min(first, 1)) for kind in files)
     matched = match_frames(
         path,
         {"depth image": depth, "picture": color},
         dict(enumerate(rows)),
-        lambda row: from_quaternion(row[0], row[1][:3], row[1][3:]),
+        lambda row: _numbered_pose(*row),
         place=lambda row: row[0],
     )
     depth_files, color_files = matched.of_each(depth, color)
@@ -156,6 +170,22 @@ def _open_numbered(path: Path) -> Recording:
         depth_unit_m=unit_m,
         **matched.members(first=(f"camera: {source}; depth: {unit_m:g} m a step",)),
     )
+
+
+def _numbered_rows(path: Path) -> list[tuple[str, NDArray]]:
+    """Return the lines of a trajectory without times, all as long as the first."""
+    first = words(path, commas=True)[:1]
+    columns = len(first[0][1]) if first else NUMBERED_COLUMNS[0]
+    if columns not in NUMBERED_COLUMNS:
+        expected = "7 numbers (position, quaternion x y z w) or a matrix of 12 or 16"
+        raise InputError(f"{path}, line {first[0][0]}: expected {expected}, found {columns}")
+    return number_rows(path, columns)
+
+
+def _numbered_pose(where: str, values: NDArray) -> NDArray:
+    if len(values) == NUMBERED_COLUMNS[0]:
+        return from_quaternion(where, values[:3], values[3:])
+    return rigid(where, np.vstack([values.reshape(-1, 4), (0, 0, 0, 1)])[:4])
 
 
 def _trajectory(path: Path) -> tuple[tuple[NDArray, NDArray], tuple[str, ...]]:
@@ -260,9 +290,9 @@ def camera_of(
 ) -> tuple[Lens, float, str]:
     """Return the camera of a folder's pictures, the unit of its depth in metres, and who says so.
 
-    Looked at in this order: ``intrinsics.txt`` (3x3), ``calibration.txt`` (fx fy cx cy, as ETH3D writes it), settings
-    of ORB-SLAM (``*.yaml``), and the recording that the head of ``rgb.txt`` names, or the folder's name. No camera is
-    made up: a wrong one gives a map that looks right.
+    Looked at in this order: ``intrinsics.txt`` or ``K.txt`` (3x3), ``calibration.txt`` (fx fy cx cy, as ETH3D writes
+    it), settings of ORB-SLAM (``*.yaml``), and the recording that the head of ``rgb.txt`` names, or the folder's name.
+    No camera is made up: a wrong one gives a map that looks right.
 
     Args:
         path: the folder.
@@ -274,7 +304,7 @@ def camera_of(
         InputError: None of them says it, or one is not as it should be.
     """
     width, height = image_size(color_file)
-    if (file := path / "intrinsics.txt").is_file():
+    if (file := _first(path, MATRICES)) is not None:
         return Lens(read_intrinsics(file, width=width, height=height)), unit_m, file.name
     if (file := path / "calibration.txt").is_file():
         found = [word for _, line in words(file) for word in line]

@@ -174,6 +174,14 @@ def test_walls_alone_tell_up_and_the_floor_is_the_lowest_surface_seen() -> None:
     assert "the lowest surface seen" in found.floor_note and "--floor-height" in found.floor_note
 
 
+@pytest.mark.parametrize("yaws", [(30, 40, 50), (200, 215, 230)])
+def test_a_shelf_seen_from_one_side_has_its_walls_upright(yaws: tuple[float, ...]) -> None:
+    """A camera that hardly turns keeps its right side as steady as its upper one; a side wall is no floor."""
+    found = find_gravity(walls(yaws, np.eye(4)))
+    assert angle_deg(found.up, np.array([0.0, 0.0, 1.0])) < 5
+    assert "up is a guess" in found.up_note and "--up X,Y,Z" in found.up_note
+
+
 def _points(frame: Frame) -> NDArray:
     k, T = frame.intrinsics, frame.T_world_camera
     seen = back_project(frame.depth_m, k.fx, k.fy, k.cx, k.cy)[frame.depth_m > 0]

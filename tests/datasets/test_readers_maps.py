@@ -26,7 +26,7 @@ from scans_folders import (
 )
 from scans_mcap import foxglove_mcap, ros1_mcap
 from scans_rerun import rerun_rrd
-from scans_slam import colmap, instant_ngp, pose_lines, redwood, rtabmap, slam_folder, stray_scanner
+from scans_slam import colmap, instant_ngp, matrix_lines, pose_lines, redwood, rtabmap, slam_folder, stray_scanner
 
 from simaps_viz import build_map, open_sequence
 from simaps_viz.datasets.convert import write_posed_frames
@@ -40,7 +40,7 @@ pytestmark = pytest.mark.slow
 WRITERS = [tum, bundle_fusion, scannet, replica, nerfstudio, habitat, habitat_classes, arkit, polycam, record3d_zip,
            record3d_folder, record3d_exr, ros1_bag, ros2_sqlite, ros2_mcap, rerun_rrd, sens, lidar,
            cloud_bag, instant_ngp, redwood, rtabmap, slam_folder, stray_scanner, foxglove_mcap,
-           ros1_mcap, colmap, pose_lines, amazon]  # fmt: skip
+           ros1_mcap, colmap, pose_lines, matrix_lines, amazon]  # fmt: skip
 
 
 class Segmented:

@@ -18,6 +18,7 @@ from scans_folders import habitat, sens, tum
 from scans_slam import (
     colmap,
     instant_ngp,
+    matrix_lines,
     pose_lines,
     redwood,
     rtabmap,
@@ -158,6 +159,33 @@ def test_a_trajectory_without_times_has_a_line_for_each_picture(tmp_path):
     np.testing.assert_array_equal(open_sequence(path).poses, found.poses)
     (path / "intrinsics.txt").unlink()
     with pytest.raises(InputError, match=r"joinMap: expected something that says which camera it was, found none of"):
+        open_sequence(path)
+
+
+@pytest.mark.parametrize(
+    ("kept", "found"),
+    [(16, None), (12, None), (17, "line 1: expected 7 numbers (position, quaternion x y z w) or a matrix of 12 or 16")],
+)
+def test_poses_of_numbered_pictures_may_be_matrices(tmp_path, kept, found):
+    path = matrix_lines(tmp_path).path
+    known = open_sequence(path)
+    assert known.notes[0] == "camera: K.txt; depth: 0.001 m a step" and len(known) == FRAMES
+    lines = [[*line.split(), "0"][:kept] for line in (path / "poses.txt").read_text().splitlines()]
+    (path / "poses.txt").write_text("\n".join(map(" ".join, lines)))
+    if found:
+        with pytest.raises(InputError, match=re.escape(found)):
+            open_sequence(path)
+    else:
+        np.testing.assert_array_equal(open_sequence(path).poses, known.poses)
+
+
+def test_a_reconstruction_of_other_pictures_is_told_from_missing_depth(tmp_path):
+    """Both lists of names are said: people leave an older reconstruction beside new pictures."""
+    path = colmap(tmp_path).path
+    for file in sorted((path / "depth").rglob("*.*")):
+        file.rename(file.with_stem(f"new{file.stem}"))
+    expected = r"depth: expected depth named as the reconstruction's \d+ pictures \(.+\), found new"
+    with pytest.raises(InputError, match=expected):
         open_sequence(path)
 
 

@@ -176,6 +176,19 @@ def pose_lines(folder: Path) -> Sample:
     return Sample(path, write_reference(folder / "reference", k, LEANING))
 
 
+def matrix_lines(folder: Path) -> Sample:
+    """As DeepVideoMVS's sample of a HoloLens: pictures from number 3, a poses.txt of matrices, the camera in K.txt."""
+    k, path = camera(), folder / "hololens"
+    (path / "depth").mkdir(parents=True)
+    for i in range(FRAMES):
+        depth_m, ids = look(k, map_pose(i))
+        write_image(path / f"images/{i + 3:05d}.png", COLORS[ids])
+        cv2.imwrite(str(path / f"depth/{i + 3:05d}.png"), steps(depth_m))
+    (path / "poses.txt").write_text("\n".join(row(LEANING.pose(i).ravel()) for i in range(FRAMES)))
+    (path / "K.txt").write_text(rows(k.matrix()))
+    return Sample(path, write_reference(folder / "reference", k, LEANING))
+
+
 def redwood(folder: Path) -> Sample:
     """As Open3D's reconstruction system leaves it; the second pose was not found."""
     k, path = camera(), folder / "bedroom"
