@@ -56,6 +56,8 @@ NUMBERED, NUMBERED_UNIT_M = ("pose.txt", "poses.txt"), 0.001
 """Names of the trajectory without times, a line for each picture, and the unit of depth that goes with it."""
 NUMBERED_COLUMNS = (7, 12, 16)
 """Numbers in its lines: position and quaternion, or three or four rows of a matrix."""
+NAMED_COLUMNS = 17
+"""Words in the lines of posed-frames/1: a frame's name and a matrix. Without a manifest it is no recording."""
 PICTURES, DEPTH_IMAGES = ("color", "rgb", "images"), "*.p[ng][gm]"
 MATRICES = ("intrinsics.txt", "K.txt")
 LISTS = ("associations.txt", "*assoc*.txt", "rgb-depth*.txt")
@@ -100,7 +102,9 @@ def _has_lists(path: Path) -> bool:
 
 def _is_numbered(path: Path) -> bool:
     depth = next((path / "depth").glob(DEPTH_IMAGES), None)  # VLMaps' are .npy
-    return _first(path, NUMBERED) is not None and depth is not None and _pictures(path).is_dir()
+    if (poses := _first(path, NUMBERED)) is None or depth is None or not _pictures(path).is_dir():
+        return False
+    return _columns(poses) != NAMED_COLUMNS
 
 
 def _pictures(path: Path) -> Path:
@@ -174,12 +178,20 @@ def _open_numbered(path: Path) -> Recording:
 
 def _numbered_rows(path: Path) -> list[tuple[str, NDArray]]:
     """Return the lines of a trajectory without times, all as long as the first."""
-    first = words(path, commas=True)[:1]
-    columns = len(first[0][1]) if first else NUMBERED_COLUMNS[0]
+    columns = _columns(path) or NUMBERED_COLUMNS[0]
     if columns not in NUMBERED_COLUMNS:
-        expected = "7 numbers (position, quaternion x y z w) or a matrix of 12 or 16"
-        raise InputError(f"{path}, line {first[0][0]}: expected {expected}, found {columns}")
+        expected = "lines of 7 numbers (position, quaternion x y z w) or of a matrix of 12 or 16"
+        raise InputError(f"{path}: expected {expected}, found {columns}")
     return number_rows(path, columns)
+
+
+def _columns(path: Path) -> int:
+    """Return how many words the first line of a text has; 0 when there is none or it cannot be read."""
+    try:
+        lines = words(path, commas=True)
+    except InputError:
+        return 0
+    return len(lines[0][1]) if lines else 0
 
 
 def _numbered_pose(where: str, values: NDArray) -> NDArray:

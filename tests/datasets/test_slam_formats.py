@@ -164,7 +164,11 @@ def test_a_trajectory_without_times_has_a_line_for_each_picture(tmp_path):
 
 @pytest.mark.parametrize(
     ("kept", "found"),
-    [(16, None), (12, None), (17, "line 1: expected 7 numbers (position, quaternion x y z w) or a matrix of 12 or 16")],
+    [
+        (16, None),
+        (12, None),
+        (15, "expected lines of 7 numbers (position, quaternion x y z w) or of a matrix of 12 or 16, found 15"),
+    ],
 )
 def test_poses_of_numbered_pictures_may_be_matrices(tmp_path, kept, found):
     path = matrix_lines(tmp_path).path
