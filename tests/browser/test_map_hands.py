@@ -85,7 +85,7 @@ def test_what_is_under_the_pointer_is_outlined_and_said_as_text(bench, page):
     for one in simap.instances:
         page.mouse.move(*on_canvas(bench, page, *one.centroid_m[:2]))
         area = one.cells * simap.spec.cell_size_m**2
-        expect(hint).to_have_text(f"{one.name} · {area:.2f} m² · score {one.score:.2f}")
+        expect(hint).to_have_text(f"{one.name} · {area:.2f} m² · confidence {one.score:.2f}")
         (x0, y0, _), (x1, y1, _) = one.aabb_m
         for corner in ((x0, (y0 + y1) / 2), (x1, (y0 + y1) / 2), ((x0 + x1) / 2, y0), ((x0 + x1) / 2, y1)):
             until(page, lambda corner=corner: drawn(page, on_canvas(bench, page, *corner)))
@@ -93,6 +93,12 @@ def test_what_is_under_the_pointer_is_outlined_and_said_as_text(bench, page):
     page.mouse.move(*on_canvas(bench, page, *FLOOR))
     expect(hint).to_be_hidden()
     until(page, lambda: not drawn(page, on_canvas(bench, page, *simap.instances[0].aabb_m[0][:2])))
+
+
+def test_the_robot_says_what_it_is(bench, page):
+    pose = mine(bench).pose
+    page.mouse.move(*on_canvas(bench, page, pose.x_m, pose.y_m))
+    expect(page.locator(".simaps-hint")).to_have_text("The robot: commands start here")
 
 
 def test_names_come_with_the_zoom_large_objects_first_and_never_cover_one_another(bench, page):

@@ -45,6 +45,7 @@ SPECK_FRAMES, FRAMES_PER_GLANCE, FAINT = 3, 50, 0.25
 """What a glance or two made is a speck, where there are many frames; it keeps this share of its colour."""
 SPECKS_HINT = "What has less is faint and not counted; commands and exports have it all the same."
 MapState = tuple[ColorMode, int, str | None, bool, tuple[int, float, int], Cut | None]
+ABOUT = "What a camera with depth saw. Point at a thing to see its name, click it to ask why."
 LEGEND_STYLE = "border-block:1px solid rgba(128,128,128,.25);margin-bottom:.4em"
 """Inline style of the legend."""
 
@@ -363,7 +364,7 @@ def without(simap: SIMap, ids: Collection[int]) -> SIMap:
 def counts_html(simap: SIMap, specks: Collection[int]) -> str:
     """Set the number of objects of each class in a line; specks, and what lies below others, are counted apart."""
     faint = f" · {plural(len(specks), 'speck')}, seen too little to count" if specks else ""
-    below = f" · {len(simap.hidden)} below other things" if simap.hidden else ""
+    below = f" · {plural(len(simap.hidden), 'object')} below others" if simap.hidden else ""
     return _line(counts_text(without(simap, specks)) + faint + below)
 
 
@@ -425,6 +426,7 @@ def origin_html(simap: SIMap) -> str:
     return (
         '<div style="padding:.5em .8em 0;font-size:.85em;line-height:1.5;overflow-wrap:anywhere">'
         f'<div style="font-size:1.15em;font-weight:600">{escape(name)}</div>'
+        f"<div>{ABOUT}</div>"
         f"<div>method <b>{escape(simap.method)}</b> · {len(simap.frame_names)} frames · "
         f"{simap.spec.cell_size_m * 100:g} cm cells</div><div>{badge}segmentation: {escape(source)}</div></div>"
     )
@@ -501,9 +503,9 @@ class NamesPanel(Panel):
 
 
 def hint_text(one: Instance, cell_m: float) -> str:
-    """Return what is said of the object under the pointer: "chair 18 · 0.22 m² · score 0.86"."""
+    """Return what is said of the object under the pointer: "chair 18 · 0.22 m² · confidence 0.86"."""
     area = one.area_m2(cell_m)
-    return f"{one.name} · {area:.{2 if area >= 0.01 else 4}f} m² · score {one.score:.2f}"
+    return f"{one.name} · {area:.{2 if area >= 0.01 else 4}f} m² · confidence {one.score:.2f}"
 
 
 def names_html(simap: SIMap) -> str:

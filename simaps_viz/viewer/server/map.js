@@ -294,6 +294,13 @@
     }
     context.restore();
   };
+  const ROBOT = 'The robot: commands start here', ROBOT_PX = 14;
+  const robotAt = () => {
+    const { nodeRefFromName: nodes, camera } = window.__viserMutable, robot = nodes['/robot'];
+    if (!robot) return null;
+    const place = camera.projectionMatrix.clone().multiply(camera.matrixWorldInverse).multiply(robot.matrixWorld).elements;
+    return [(place[12] / place[15] + 1) * width / 2, (1 - place[13] / place[15]) * height / 2];
+  };
   const AIM_M = 0.1;  // as a click takes it, for objects have holes
   const aimedAt = (col, row) => {
     const reach = Math.floor(AIM_M / map.cell + 1e-6);
@@ -318,18 +325,21 @@
     if (drawing.width !== w || drawing.height !== h) { drawing.width = w; drawing.height = h; }
     else context.clearRect(0, 0, w, h);
     drawn = false;
-    let under = null;
+    let under = null, said = false;
     if (map && pointer && !pressed) {
       const box = canvas.getBoundingClientRect(), [x, y] = [pointer[0] - box.left, pointer[1] - box.top];
       const [col, row] = cellAt(toScreen, x, y);
       under = map.objects.get(aimedAt(col, row));
-      if (under) {
-        const text = under.facts, wide = widthOf(text) + 14;
+      const robot = robotAt(), near = robot && Math.hypot(robot[0] - x, robot[1] - y) < ROBOT_PX;
+      if (near) under = null;
+      if (under || near) {
+        const text = near ? ROBOT : under.facts, wide = widthOf(text) + 14;
         if (hint.textContent !== text) hint.textContent = text;
+        said = true;
         hint.style.transform = `translate(${Math.min(x + 14, width - wide - 4)}px, ${y > 44 ? y - 34 : y + 22}px)`;
       }
     }
-    hint.hidden = !under;
+    hint.hidden = !under && !said;
     writeAll(plain ? 'simaps-name' : 'simaps-name simaps-pale', under);
     if (map && texts.some(([, text]) => text.startsWith('▶'))) {  // the ranks of others; the map itself outlines the target
       for (const [kind, text, ...label] of texts) {
