@@ -347,3 +347,26 @@ def test_one_finger_moves_the_map_two_come_closer_and_a_tap_selects(bench, touch
     fingers("touchStart", place_on(page, simap, *CHAIR))
     fingers("touchEnd")
     until(page, lambda: mine(bench).selected == simap.at(*CHAIR).id)
+
+
+def test_a_finger_that_scrolls_over_a_slider_leaves_it_and_one_on_its_thumb_drags_it(bench, touched):
+    page, fingers = touched
+    track, thumb = (page.locator(f".mantine-Slider-{part}:visible").first for part in ("root", "thumb"))
+
+    def drag(box, share, step):
+        at = np.array((box["x"] + share * box["width"], box["y"] + box["height"] / 2))
+        fingers("touchStart", at)
+        for i in range(1, 9):
+            fingers("touchMove", at + i * np.array(step))
+            page.wait_for_timeout(20)
+        fingers("touchEnd")
+
+    page.get_by_text("Resolution", exact=True).first.scroll_into_view_if_needed()
+    before, percent = track.bounding_box(), mine(bench).cut.percent
+    drag(before, 0.6, (1, -12))
+    until(page, lambda: track.bounding_box()["y"] < before["y"] - 20)
+    page.wait_for_timeout(500)
+    assert mine(bench).cut.percent == percent
+    thumb.scroll_into_view_if_needed()
+    drag(thumb.bounding_box(), 0.5, (10, 0))
+    until(page, lambda: mine(bench).cut.percent > percent)

@@ -38,13 +38,14 @@ def help_html(keys: Sequence[tuple[str, str]], tabs: Sequence[tuple[str, str]] =
         keys: (key, what it does).
         tabs: (tab, what it is for).
     """
-    parts = (("Keys", keys), ("Mouse, on the map", MOUSE), ("Tabs", tabs), ("Words", WORDS))
+    parts = (("On the map", MOUSE), ("Tabs", tabs), ("Keys", keys), ("Words", WORDS))
     about = f'<div style="max-width:60ch">{escape(_TEXTS["about"])}</div>'
     return about + "".join(
+        f'<div class="simaps-{title.split()[-1].lower()}">'
         f'<div style="font-weight:650;margin:.6em 0 .2em">{escape(title)}</div>'
         f'<div style="{GRID_STYLE}">'
         + "".join(_row(left, right, key=title == "Keys") for left, right in rows)
-        + "</div>"
+        + "</div></div>"
         for title, rows in parts
     )
 

@@ -173,7 +173,8 @@ class MapPanel(Panel):
         before, cut = (self._shown, self._shown_cut), self._page.cut
         self._shown, self._shown_cut = simap, cut
         if cut != before[1] and simap is not before[0]:
-            self._was = self._from if self._from[1] != cut else None
+            back = not self._page.cut_here and not self._peeking  # as the map came: nothing is moved
+            self._was = self._from if self._from[1] != cut and not back else None
         self._reset.visible = self._page.cut_here
         self._describe_change()
         if color_modes(simap) != tuple(self._mode.options):

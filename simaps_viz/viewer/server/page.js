@@ -46,6 +46,11 @@
         if (one.getAttribute('aria-label') !== text) one.setAttribute('aria-label', text);
     }
   };
+  // A finger that scrolls the panels begins on a slider now and then: its thumb is dragged, its track takes taps alone.
+  window.addEventListener('touchstart', (event) => {
+    if (event.target.closest('.mantine-Slider-root') && !event.target.closest('.mantine-Slider-thumb'))
+      event.stopImmediatePropagation();
+  }, { capture: true, passive: true });
   // A typed number counts at Enter, on leaving its field, or after a pause: who types 90 does not mean 9 first.
   const TYPED_MS = 700;
   let typed = null, counting = 0, counts = false;
