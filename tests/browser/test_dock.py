@@ -322,6 +322,10 @@ def test_keys_lead_out_of_the_recording_and_reach_the_page_from_it(dock):
     expect(page.get_by_text("How to use this page")).to_be_visible()
     page.keyboard.press("Escape")
     expect(page.get_by_text("How to use this page")).to_have_count(0)
+    page.get_by_role("button", name="Help", exact=True).click()
+    expect(page.get_by_text("How to use this page")).to_be_visible()
+    page.mouse.click(5, 300)  # beside it
+    expect(page.get_by_text("How to use this page")).to_have_count(0)
     dock.shows("frame", FRAMES - 2)
     page.mouse.click(*dock.at(100, -400))
     pose = session.pose

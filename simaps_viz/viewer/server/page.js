@@ -211,9 +211,16 @@
         new KeyboardEvent('keydown', { key: 'Escape', code: 'Escape', bubbles: true, cancelable: true }));
     }, 50);
   };
-  window.addEventListener('keydown', (event) => {
+  const closeOf = () => {  // the button that closes what is open, where there is one
     const open = [...document.querySelectorAll('.mantine-Modal-content')].pop();
-    const close = open && [...open.querySelectorAll('button')].find((one) => one.textContent.trim() === 'Close');
+    return open && [...open.querySelectorAll('button')].find((one) => one.textContent.trim() === 'Close');
+  };
+  window.addEventListener('click', (event) => {  // beside it
+    const close = event.target.matches('.mantine-Modal-inner, .mantine-Modal-overlay') && closeOf();
+    if (close) close.click();
+  });
+  window.addEventListener('keydown', (event) => {
+    const close = closeOf();
     if (event.key !== 'Escape') return;
     if (!close) { passEscape(event); return; }
     event.stopImmediatePropagation();
