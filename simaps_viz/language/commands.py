@@ -10,12 +10,12 @@ from typing import Final
 
 from simaps_viz.errors import CommandError
 from simaps_viz.language.grammar import Chart
-from simaps_viz.language.nouns import IT, LAST, ONE, SAME, THAT, Phrase, quoted
+from simaps_viz.language.nouns import IT, LAST, ONE, SAME, THAT, Phrase, quoted, select
 from simaps_viz.language.orders import EVERYTHING, GRAMMAR, Choose, Do, Repeat, Steps
 from simaps_viz.language.primitives import FUNCTIONS, SELF
 from simaps_viz.language.program import ProgramError, parse_program
 from simaps_viz.language.tokenizer import Sentence, clauses, is_reason, is_statement, is_wish, plainly, read_words
-from simaps_viz.language.words import Noun, Vocabulary, plain, plural, singular
+from simaps_viz.language.words import LACKS, Noun, Vocabulary, plain, plural, singular
 
 MAX_LENGTH: Final = 500
 """Characters of a command."""
@@ -94,14 +94,72 @@ def read_command(text: str, labels: Sequence[str] | Mapping[str, int]) -> Readin
                 other = aside.rest(vocabulary)
                 if "search(" not in other.program:
                     return other
+        for guess in (_need, _there) if "search(" in reading.program else ():
+            with suppress(CommandError):  # "my lunch is in the fridge, let us go"
+                return guess(text, vocabulary)
         return reading
     except CommandError as error:
         for aside in _without_asides(text, vocabulary):
             with suppress(CommandError):
                 return aside.rest(vocabulary)
+        for guess in (_need, _there):
+            with suppress(CommandError):
+                return guess(text, vocabulary)
         suggested = instead(text, labels) or examples(labels)
         said = str(error) if str(error).endswith(("?", ".")) else f"{error}."
         raise CommandError(f"{said} Try: {', '.join(map(quoted, suggested))}.", suggestions=suggested) from None
+
+
+_LACKING: Final = re.compile(
+    r"^\W*(?:(?:[\w']+ ){0,6}?(?:i|we) (?:\w+ly |really |just |quite |so )*"
+    r"(?:want|need|would|could|fancy|have|must|feel|am|are|should|got|crave)|"
+    r"(?:my|our|this|these|the)(?: \w+){1,3} (?:wants?|needs?|must|ought to|has to|have to|is|are))\b"
+    r"|^\W*(?:must|time to) |^\W*\w+ (?:break|time)\W*$"
+)
+"""How a clause begins that says what somebody wants, or what has to be done with a thing."""
+_LED: Final = re.compile(
+    r"\W*(?:(?:and|so|then|please|can you|could you) )*"
+    r"(?:(?:let us |lets )?go|come|take|bring|show|lead|drive|guide|have|head|pop)\b"
+    r"(?: (?:me|us|it|this|them|on|over|to|and|there|then|where|the|a|right|best|proper|spot|place|one|i|we|you|can|"
+    r"could|do|that|is|so|look|see|check|investigate|belongs?|goes|wash|way|somewhere|for|please|now|yourself|have|take|find|out))*\W*$"
+)
+"""A clause that only sends the robot to where that is done, or to what was spoken of: "take me to the right spot"."""
+_WHERE: Final = re.compile(r"\b(?:in|on|at|near|by|under|next to|behind|beside|from|inside)\b (?=(?:the|my|our|one)\b)")
+
+
+def _need(text: str, vocabulary: Vocabulary) -> Reading:
+    """Read what somebody needs by what is spoken of: "my shirt is filthy, take me to where I can wash it"."""
+    said = [clause for clause in clauses(plainly(text)) if re.search(r"\w", clause)]
+    wishes = [clause for clause in said if not _LED.match(clause)]
+    more = all(re.match(r"\W*(?:(?:and|so|but) )*(?:they|it|i|we)\b", clause) for clause in wishes[1:])
+    if (
+        not (wishes and more)
+        or not _LACKING.match(wishes[0])
+        or re.search(r"\?|\b(?:not|never|you|n['’]t|if|unless)\b", " ".join(wishes))
+    ):
+        raise CommandError("")
+    kind = next((kind for kind, pattern in LACKS.items() if pattern.search(wishes[0])), "")
+    noun = vocabulary.noun(kind) if kind else None
+    if noun is None or not noun.known or noun.count == 0:
+        raise CommandError("")
+    program = Writer().write((Do(("robot.move_to_{0.goal}",), (select(noun, ()),)),))
+    return Reading(program, (f'"{_in_brief(wishes[0].strip(" ,.;:!"))}" is read as the wish for a {kind}',))
+
+
+def _there(text: str, vocabulary: Vocabulary) -> Reading:
+    """Read "the milk ought to be in the fridge, let us go and see": to where the first clause says that it is."""
+    said = [clause for clause in clauses(plainly(text)) if re.search(r"\w", clause)]
+    if len(said) != 2 or not _LED.match(said[1]) or _LED.match(said[0]):
+        raise CommandError("")
+    where = _WHERE.search(said[0])
+    if where is None or re.search(
+        r"^\W*there\b|\?|\b(?:i am|we are)\b|\b(?:not|never|you|n['’]t|if|unless|or)\b", said[0]
+    ):
+        raise CommandError("")
+    reading = _understood(f"go to {said[0][where.end() :]}", vocabulary)
+    if "search(" in reading.program:
+        raise CommandError("")
+    return replace(reading, notes=(f'"{_in_brief(said[0].strip(" ,.;:!"))}" is read as where to go', *reading.notes))
 
 
 def instead(text: str, labels: Sequence[str] | Mapping[str, int]) -> tuple[str, ...]:

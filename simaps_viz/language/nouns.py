@@ -438,10 +438,17 @@ def refine(phrase: Phrase, parts: Iterable[Part]) -> Phrase:
 def united(phrases: Sequence[Phrase]) -> Phrase:
     """Return one phrase for "the chair or the couch"."""
     phrases = lent(phrases)
-    text = phrases[0].argument
+    first = phrases[0]
+    if first.base not in (ONE, SAME):  # "the counter with the cake or the one with the sinks"
+        phrases = [
+            replace(one, text=one.text.replace(ONE, first.base), base=first.base)
+            if one.base == ONE != one.text and one.text != IT
+            else one
+            for one in phrases
+        ]
+    text = first.argument
     for other in phrases[1:]:
         text = f"union({text}, {other.argument})"
-    first = phrases[0]
     pairs = tuple(pair for p in phrases for pair in p.others)
     return Phrase(text, text, first.word, first.many, tuple(n for p in phrases for n in p.notes), pairs)
 
@@ -680,7 +687,7 @@ def _towards_corner(corner: float) -> Parts:
     return (Part("order", CORNERS[corner]),)
 
 
-@_rule("relation", "_at? _dets side (SIDE | END)? (OF | FROM) np")
+@_rule("relation", "_at? _dets side (SIDE | END)? (OF | FROM) np", cost=-0.05)
 def _side_of(side: str, np: Phrase) -> Parts:
     return _filter(f'side({{}}, "{side}", {np.argument})', np, of="" if np.is_room else np.argument)
 
@@ -1291,6 +1298,19 @@ def _of_room(noun: Noun, room: Phrase, pre: Sequence[Parts] = ()) -> Phrase:
 @_rule("thing", "EVERY? IT", cost=0.02)
 def _it() -> Phrase:
     return Phrase(IT, ONE, "thing")
+
+
+@_rule("thing", "WHATEVER np IS+ (ON | IN | AT)", cost=-0.2)
+def _what_it_is_on(np: Phrase) -> Phrase:
+    """Read "whatever the laptop is standing on"."""
+    below = _filter(f"under({{}}, {np.measure})", np)  # the smallest, as a table stands on a rug
+    return select(Noun("thing", "anything"), (*below, Part("order", "small")))
+
+
+@_rule("thing", "WHATEVER (THAT | IS | EXIST)* post+", cost=0.1)
+def _whatever_is(post: Sequence[Parts]) -> Phrase:
+    """Read "whatever is standing on the nightstand"."""
+    return select(Noun("thing", "anything"), _flat(post))
 
 
 @_rule("np", "thing")

@@ -112,8 +112,8 @@ for _name, _size in _METRES.items():
 
 @_rule(
     "distance",
-    "n:amount? unit | n:NUM | DET? half:HALF OF? DET? unit | (INDEF | OTHER) SIZE? unit | (n:amount | DET)? "
-    "quarter:QUARTER (OF DET)? "
+    "n:amount? unit | n:NUM | DET? half:HALF OF? DET? unit | (INDEF | OTHER) SIZE? (half:HALF (OF? DET)?)? unit | "
+    "(n:amount | DET)? quarter:QUARTER (OF DET)? "
     "unit | few:SLIGHTLY | n:amount unit AND DET? half:HALF",
 )
 def _distance(n: float | None = None, unit: str = "", half: str = "", quarter: str = "", few: str = "") -> Measure:
@@ -376,9 +376,9 @@ def _go_behind(targets: tuple[Phrase, ...]) -> Steps:
 
 @_rule(
     "order",
-    "_go? _place? distance (TO | ON)* (beside | FRONT | BEFORE | back:BEHIND | back:PASS | off:away) np | "
-    "_go? np COMMA distance off:SHORT | _go (FORWARD | compass)* UNTIL np IS (_prep | SHORT | DET)* distance "
-    "off:SHORT | _go (FORWARD | compass)* "
+    "_go? _place? distance (TO | ON)* (beside | FRONT | BEFORE | back:BEHIND | back:PASS | off:away | "
+    "off:SHORT OF) np | _go? np COMMA distance off:SHORT | "
+    "_go (FORWARD | compass)* UNTIL np IS (_prep | SHORT | DET)* distance off:SHORT | _go (FORWARD | compass)* "
     "UNTIL (EXIST (_prep | SHORT)* distance BETWEEN (np AND HERE | HERE AND np) | HERE IS? distance off:away np)",
     cost=-0.3,
 )
@@ -558,6 +558,14 @@ def _face(targets: tuple[Phrase, ...], way: str = "") -> Steps:
     return _each("robot.face({0})", targets, "face")
 
 
+@_rule("order", "_looking np there:IT", cost=0.1)
+def _face_there(np: Phrase, there: str) -> Steps:
+    """Read "go into the bedroom and look at the window there": that in the room where the robot is by then."""
+    if there != "there" or np.many:
+        raise CommandError("")
+    return _each("robot.face({0})", [_changed(np, f"inside({np.whole or np.text}, room())")], "face")
+
+
 @_rule("order", "_turning AWAY FROM np", "UTURN _prep+ np", "(LOOK | FACE) AWAY FROM np", "_goer? YOURBACK np")
 def _face_away(np: Phrase) -> Steps:
     return (Do(("robot.face({0})", "robot.turn(180)"), (np,)),)
@@ -671,7 +679,7 @@ _words("_step", "GO | STEPS | TAKE")
 @_rule(
     "order",
     "_step FORWARD+ ((BY | FOR)? distance)? | _step (BY | FOR)? distance FORWARD* | FORWARD ((BY | FOR)? "
-    "distance)? | distance FORWARD | MAKE distance FORWARD*",
+    "distance)? | distance FORWARD | MAKE distance FORWARD* | &OTHER distance FORWARD?",
 )
 def _forward(distance: Measure = _ONE_METRE) -> Steps:
     return (Do((f"robot.move_forward({distance.text})",), (), distance.note),)
@@ -842,7 +850,8 @@ def _how_many_rooms() -> Steps:
 _words("_in_map", "(IN | ON) DET* MAP")
 
 
-@_rule("question", "_count n:np WITH of:np", "_count n:np (DOES | WITH | IS) of:np WITH (on:ON IT)?", cost=-0.2)
+@_rule("question", "_count n:np WITH of:np", cost=0.3)
+@_rule("question", "_count n:np (DOES | WITH | IS) of:np WITH (on:ON IT)?", cost=-0.2)
 def _how_many_at(n: Phrase, of: Phrase, on: str = "") -> Steps:
     beside = "inside" if of.is_room else "having" if n.is_room else "on" if on else "near"
     return _told(_changed(n, text=f"{beside}({n.text}, {of.argument})", notes=n.notes + of.notes), "count")
@@ -858,7 +867,8 @@ _words("_ask", "(LIST | LOOK | SEEQ | SEE)+")
 
 
 @_rule(
-    "question", "_ask? WHERE (IS | EXIST | DOES | GO | APPROACH | TURN | LOOK | FACE | TO | HERE)* np (IS | GO | AT)*"
+    "question",
+    "_ask? WHERE (IS | EXIST | DOES | GO | APPROACH | TURN | LOOK | FACE | TO | HERE)* np (IS | GO | AT | ANYWHERE)*",
 )
 def _where(np: Phrase) -> Steps:
     return _told(np, "where")
@@ -1028,7 +1038,7 @@ def _where_are_more(counted: str, np: Phrase, a: Phrase, b: Phrase) -> Steps:
     return _told(_changed(a, ordered, a.notes + b.notes + np.notes, many=False), "which")
 
 
-_rule("asked", "WHERE (IS | IT | HERE)*")(lambda: "where")
+_rule("asked", "WHERE (IS | IT | HERE | THAT)*")(lambda: "where")
 _rule("asked", "HOWFAR AWAY? (IS IT)?")(lambda: "distance")
 _rule("asked", "HOWBIG (IS IT)?")(lambda: "size")
 _rule("asked", "WHATCOLOR (IS IT)?")(lambda: "color")
@@ -1551,6 +1561,12 @@ def _only_if(a: Steps, condition: Condition, b: Steps = ()) -> Steps:
 )
 def _in_order(a: Steps, b: Steps) -> Steps:
     return (*a, *b)
+
+
+@_rule("logical", "BEFORE b:done COMMA? PASS via:targets", cost=-0.3)
+def _past_before(b: Steps, via: tuple[Phrase, ...]) -> Steps:
+    """Read "before you go to the fridge, go past the oven"."""
+    return (*_go_to(via), *b)
 
 
 @_rule("logical", "b:done COMMA? NOTBEFORE targets", cost=-0.2)

@@ -513,9 +513,22 @@ class Sets(Grounding):
         return corners[np.asarray(cv2.convexHull(corners.astype(np.float32), returnPoints=False))[:, 0].astype(np.intp)]
 
     def _between(self, S: Named, A: Named, B: Named) -> Things:
-        a, b = self.pair(A, B)
+        a, b = self._close_pair(A, B) or self.pair(A, B)
         found = self.between_pair(self.things_of(S), a, b)
+        if not found:
+            a, b = self.pair(A, B)
+            found = self.between_pair(self.things_of(S), a, b)
         return self.set_of(S).of(found, after=f"between the {a.label} and the {b.label}")
+
+    def _close_pair(self, A: Named, B: Named) -> tuple[Instance, Instance] | None:
+        """Return, of several lamps and one table, the lamp nearest to the table, and the table; None for other sets."""
+        sets = [self.things_of(A), self.things_of(B)]
+        if sorted(min(len(one), 2) for one in sets) != [1, 2]:
+            return None
+        one, several = sorted(sets, key=len)
+        far, _ = self.nearest_of(self.cells.pack(several), self.cells.pack(one))
+        near = several[int(far.argmin())]
+        return None if near in one else (near, one[0])
 
     def between_pair(self, things: Sequence[Instance], a: Instance, b: Instance) -> list[Instance]:
         """Return the things between two others, the nearest to the line of their centroids first."""

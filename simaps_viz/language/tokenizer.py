@@ -73,6 +73,7 @@ _KINDLY: Final = re.compile(
 _INDIFFERENT: Final = re.compile(
     r"^\W*(?!if\b|whether\b)(?:\w+ ){1,4}or not\b,?\s*|"
     r"[,.;]?\s*\b(?:(?:i|we) (?:really |honestly )?(?:do(?:n['’]?t| not)) (?:really )?(?:care|mind)|"
+    r"does(?:n['’]?t| not) (?:really )?matter|"
     r"(?:the |its |their )?(?:order|sequence|rest|reason|way|how|which(?: one)?|it|that) (?:really )?"
     r"(?:is(?:n['’]?t| not)|do(?:es)?(?:n['’]?t| not)) (?:really )?(?:important|relevant|matter|of importance)|"
     r"(?:no matter|never mind|regardless of)(?= the\b)|in (?:whatever|whichever|any) order)\b[^,.;!?]*"
@@ -231,6 +232,13 @@ _THAT_LEFT_OUT: Final = re.compile(
 """As in "the couch the teddy is sitting on"."""
 
 
+_NO_MATTER: Final = r"(?:(?:it|that) )?does(?:n['’]?t| not) (?:really )?matter"
+_FILLERS: Final = re.compile(r"(?:,\s*(?=\w+\s*,))?\s*\b(?:er+|erm+|um+|uh+|uhm+|hm+|ehm)\b\s*(?:,|\.\.+)?")
+_CONTRACTED: Final = re.compile(
+    r"\b([a-z]+)['’]s(?= (?:about|going|gone|not|been|too|so|very|really|always|still|getting|an?|the|in|on|under)\b)"
+)
+
+
 def plainly(text: str) -> str:
     """Return what was said in lower case and spelled out, without the politeness around it."""
     said = _IS.sub(r"\1 is", re.sub(r"\blet['’]s\b", "let us", text.lower()))
@@ -238,6 +246,8 @@ def plainly(text: str) -> str:
     said = written_out(_SHORT.sub(r"\1 \2", said))
     said = _WORD.sub(lambda found: SPELLED.get(found[0].replace("’", "'"), found[0]), said)
     said = _LEFT.sub(r"\1", re.sub(r"\bam i\b", "are you", said))
+    said = re.sub(r"\bif you were (?=(?:at|by|in|near|next)\b)", "if you would go ", said)
+    said = re.sub(rf"[,.;]?\s*{_NO_MATTER} which(?: one)?(?: (?:comes|is|goes|you \w+))? first\b", "", said)
     said = _WISHED.sub(lambda found: f"if you would {_PAST[found[1]]}", said)
     said = _TAG.sub("", _left_out(_KINDLY, _left_out(_INDIFFERENT, said), " "))
     said = _YOURSELF.sub(lambda found: found[0] if (found[1],) in _KNOWN else "go", said)
@@ -246,6 +256,18 @@ def plainly(text: str) -> str:
     said = re.sub(r"\b(is|are|does|do|you|we|i|to|they|it) actually\b", r"\1", _left_out(_POLITE, said, " "))
     said = re.sub(r"(?<!have )\b(i|we) got (?=some\b|an?\b|my\b)", r"\1 have ", said)
     said = re.sub(r"[,;]?\s*\bforget (?:about )?the [\w ]{2,25},\s*", ", no, ", said)
+    said = _FILLERS.sub(" ", _CONTRACTED.sub(r"\1 is", said))
+    said = re.sub(
+        r"(^\W*|[,.;:!] *)(?:did|have) (?:i|we|you|they|somebody|someone) (?:leave|left|put|forget|lose) "
+        r"(?=(?:the|my|our|an?|it)\b[^,.?]* (?:in|on|at|under|by|near|next)\b)",
+        r"\1is ",
+        said,
+    )
+    said = re.sub(r"\b(where (?:is|are|has|have) [^,.?]*?) (?:gone(?: to)?|got to|disappeared to)(?=\W*$)", r"\1", said)
+    said = re.sub(r"\bwhat is the (\w+)(?<!head) count\b", r"how many \1", said)
+    said = re.sub(
+        r"^(\W*)(?=(?:colou?r|size|height|width|length|distance) (?:of|to|between)\b)", r"\1what is the ", said
+    )
     said = _THAT_LEFT_OUT.sub(r"\1 that \2", _GOT.sub(r"does \1 have", said))
     said = re.sub(r"(^\W*|[,.;:!?] *|then )should (?!i\b|we\b|you\b)([^,.;:!?]{2,60}?) be\b", r"\1if \2 is", said)
     said = re.sub(r", not (?:this|that) (?:one|\w+), (?=the\b)", ", ", said)
@@ -257,7 +279,7 @@ def plainly(text: str) -> str:
     said = re.sub(r"\b(is|are) (?:their|they re) (?=an?\b|any\b|no\b)", r"\1 there ", said)
     said = re.sub(r"\b(is|are|do|does) not no\b", r"\1 no", said.replace("how is many", "how many"))
     said = re.sub(r"\b2(?= (?:the|my|your|our|this|that)\b)", "to", said)
-    said = re.sub(r"(^\W*|[,.;:!] *|then )off to\b", r"\1go to", said)
+    said = re.sub(r"(^\W*|[,.;:!] *|then )off (?=(?:to|into)\b)", r"\1go ", said)
     said = re.sub(r"\bw/\s*", "with ", _ALL_OF.sub("", _WHO_PUT_DOWN.sub(" ", said)))
     said = re.sub(r"\b(?:my|our|the|his|her) (?:\w+ ){1,2}(?=(?:wants?|needs?|would like|would love) to\b)", "i ", said)
     said = re.sub(r"\bi (?:wants|needs) to\b", "i want to", said)

@@ -6,7 +6,7 @@ They are loaded once from the JSON files beside this module:
   may be left out, and nothing else is.
 - ``things.json``: other names of classes (``names``, ``narrower``), generic words that take several classes together
   (``kinds``, ``like``), classes to try in turn (``first_fit``), what one does somewhere (``activities``, ``places``,
-  ``links``), and further things people speak of (``others``).
+  ``links``), what a wish speaks of (``lacks``, the first that fits), and further things people speak of (``others``).
 - ``words.json``: numbers, ordinals, amounts, compass points, irregular plurals, everyday words, words not of names.
 """
 
@@ -148,6 +148,8 @@ NEEDS: Final[dict[Words, str]] = {
     words: kind for kind, phrases in _THINGS["needs"].items() for words in _split(phrases)
 }
 """{("i", "m", "thirsty"): generic word}: what a person lacks, and what helps."""
+LACKS: Final = {kind: re.compile(pattern) for kind, pattern in _THINGS["lacks"].items()}
+"""{generic word: what is spoken of by who needs it}, the first that fits."""
 WISHES: Final = _split(_THINGS["wishes"])
 """Words before an activity that say that somebody wants it, such as "i want to"."""
 

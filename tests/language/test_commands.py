@@ -481,6 +481,40 @@ def test_a_clause_with_unknown_words_is_left_out_only_where_one_thing_can_be_mea
         assert answered.status == "refused"
 
 
+KITCHEN = {"sink": 1, "washing machine": 1, "stove": 1, "refrigerator": 1, "cabinet": 2, "laptop": 1}
+
+
+@pytest.mark.parametrize(
+    ("said", "goal"),
+    [
+        ("my shirt is filthy, take me to where I can wash it", '"washing machine"'),
+        ("my hands are filthy, they want washing", '"sink"'),
+        ("this frozen pizza wants baking", '"stove"'),
+        ("this milk must be kept cold. Go where it belongs.", '"refrigerator"'),
+        ("the milk ought to be in the fridge, lets go and see", '"refrigerator"'),
+        (
+            "my keys might be on the cabinet next to the sink, go have a look",
+            'nearest(near(things("cabinet"), "sink", 3), 1, "sink")',
+        ),
+        ("go to whatever the laptop is standing on", 'first(order(under(things("anything"), "laptop"), "small"))'),
+    ],
+)
+def test_what_somebody_needs_and_where_a_thing_is_said_to_be_are_gone_to(said: str, goal: str) -> None:
+    assert read_command(said, KITCHEN).program == f"robot.move_to_object({goal})"
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        "wash my shirt", "my shirt is not filthy, take me to where I can wash it",
+        "the sink is filthy, give it a scrub", "I spilled water, tell me a joke", "if this pizza wants baking, sing",
+    ],
+)  # fmt: skip
+def test_what_is_no_need_is_refused(said: str) -> None:
+    with pytest.raises(CommandError):
+        read_command(said, KITCHEN)
+
+
 def test_words_of_phrases_are_no_misspellings_of_things() -> None:
     labels = {"couch": 1, "hallway": 1, "closet": 1}
     for said in ("go to the couch but stop halfway", "go to the couch with your eyes closed"):
