@@ -1,5 +1,7 @@
 """The map as a picture, as blocks, as a legend; rays of clicks; pictures of frames. No browser."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from toy_maps import TOY_SPEC, toy_map
@@ -8,6 +10,7 @@ from simaps_viz.colors.classes import class_color, instance_color
 from simaps_viz.drawing import frame_pictures, legend, texture
 from simaps_viz.drawing.surface import WALL_CUT_M, block_heights, ray_on_blocks, ray_on_floor, solids
 from simaps_viz.mapping.simap import repartition
+from simaps_viz.structures import Views
 
 CHAIR_1, CHAIR_3, TABLE_6 = 1, 3, 6
 
@@ -122,6 +125,18 @@ def test_best_views_sum_up_the_communities_of_an_instance(simap):
     split = repartition(simap, k_percent=50.0)
     assert {v.segments for v in frame_pictures.best_views(split, 2)} == {(12,)}
     assert frame_pictures.best_views(simap, 99) == []
+    # A few stray cells in a neighbour's mask make it no mask of the object, unless it has no other.
+    views = simap.views
+    other = next(i for i in range(len(views.frame)) if views.frame[i] == 0 and views.segment[i] not in (11, 12))
+    stray = {"community": 1, "frame": 0, "segment": views.segment[other], "cells": 3, "score": 0.5}
+    added = {
+        name: np.append(getattr(views, name), np.array(value, getattr(views, name).dtype))
+        for name, value in stray.items()
+    }
+    assert frame_pictures.best_views(replace(simap, views=Views(**added)), CHAIR_1)[0].segments == (11, 12)
+    only = {name: column[~np.isin(added["segment"], (11, 12))] for name, column in added.items()}
+    found = frame_pictures.best_views(replace(simap, views=Views(**only)), CHAIR_1)
+    assert [one.segments for one in found] == [(int(views.segment[other]),)]
 
 
 def test_communities_appear_when_first_seen(simap):
