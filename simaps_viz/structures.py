@@ -342,7 +342,7 @@ class Instance:
 
     @property
     def in_space(self) -> InSpace | None:
-        """Where it is in space; None for an object of no map, or without a voxel.
+        """Where it is in space; None for an object of no map, without a voxel, or a sliver.
 
         Raises:
             InputError: its map is no longer in memory.

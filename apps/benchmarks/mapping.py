@@ -1,24 +1,36 @@
 """What building a map costs, beside decoding the same images on the same two threads."""
 
+import statistics
 import tempfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
+from unittest.mock import patch
 
 import cv2
 from benchmarks.timing import Cost, measure
 
 from simaps_viz.build.pipeline import BuildConfig, build_map
+from simaps_viz.build.seen_colors import with_colors
 from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.datasets.source import FrameSource, read_ahead
 from simaps_viz.events import Event
-from simaps_viz.mapping import finalize
+from simaps_viz.mapping import accumulator, finalize
+from simaps_viz.mapping.evidence import EVIDENCE
+from simaps_viz.mapping.file import save_map
 from simaps_viz.mapping.methods import method_of
 from simaps_viz.structures import CellGraph
 
 METHODS: tuple[str, ...] = ("evidence", "paper")
 REQUIRED = 2.0
 """A map may cost this many times as much as decoding its images."""
+
+
+SPACE_MS, SPACE_BYTES = 2.0, 1.5
+"""Milliseconds that all heights may add to a frame of 640 x 480, and how many times as large the file may be."""
+_NO_STEP = 1 << 20
+"""Above all pixels: columns that begin there are empty."""
 
 
 class Watcher:
@@ -69,6 +81,38 @@ def gather(sequence: FrameSource, config: BuildConfig) -> tuple[CellGraph, ...]:
     method, seen = method_of(config.method), finalize.gathered(accumulator)
     grid, _ = method.label_cells(seen.grid, seen.readings, config)
     return method.graphs(grid, seen, config)
+
+
+@contextmanager
+def _tops_only() -> Iterator[None]:
+    """Let method evidence look at the top of each cell only, in frames and at the end."""
+    with patch.object(EVIDENCE, "layered", new=False), patch.object(accumulator, "first_step", lambda _: _NO_STEP):
+        yield
+
+
+def _build_file(sequence: FrameSource, path: Path) -> None:
+    """Do all that `simaps build` does."""
+    log = path.with_suffix(".log")
+    log.unlink(missing_ok=True)
+    save_map(with_colors(build_map(sequence, log=log), sequence), path)
+
+
+def bench_surface(sequence: PosedFrames, *, runs: int = 5) -> Iterator[str]:
+    """Compare building, colouring and saving a map of all heights with one of the top of each cell."""
+    with tempfile.TemporaryDirectory() as folder:
+        space, tops = Path(folder) / "space.npz", Path(folder) / "tops.npz"
+        works: dict[str, Callable[[], object]] = {
+            "space": lambda: _build_file(sequence, space),
+            "tops": _tops_only()(lambda: _build_file(sequence, tops)),
+        }
+        costs = measure(works, runs=runs)
+        times_larger = space.stat().st_size / tops.stat().st_size
+    more = [1000 * (a - b) / len(sequence) for a, b in zip(costs["space"].cpu_s, costs["tops"].cpu_s, strict=True)]
+    yield (
+        f"  evidence, all heights instead of tops of cells: {statistics.median(more):.2f} ms of processor time more "
+        f"a frame, with colours and saving; required: {SPACE_MS:g} ms at 640 x 480"
+    )
+    yield f"  its map file: {times_larger:.2f} x as large; required: {SPACE_BYTES:g} x"
 
 
 def bench_build(sequence: PosedFrames, *, runs: int = 5) -> Iterator[str]:

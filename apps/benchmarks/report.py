@@ -7,7 +7,7 @@ from pathlib import Path
 
 from benchmarks.graphs import bench_louvain
 from benchmarks.growth import bench_area, bench_frames
-from benchmarks.mapping import METHODS, bench_build
+from benchmarks.mapping import METHODS, bench_build, bench_surface
 from benchmarks.objects import bench_objects
 from benchmarks.planner import bench_commands, bench_planner
 from benchmarks.points import bench_memory, bench_points
@@ -51,6 +51,7 @@ def bench_lines(
     yield from _section("1. Building, against decoding the same images")
     for sequence in sequences:
         yield from bench_build(sequence, runs=runs)
+        yield from bench_surface(sequence, runs=runs)
     chosen = sequences[min(1, len(sequences) - 1)]
     maps = [build_map(chosen, BuildConfig(method=method)) for method in METHODS]
     evidence, paper = maps

@@ -200,12 +200,15 @@ def _spread(
 ) -> None:
     """Let colours spread to voxels of their class that touch, over a corner too, for as long as there are any."""
     run_of, step_of = np.zeros(len(known), np.int32), np.zeros(len(known), np.int8)
+    missed = np.zeros(len(cell), np.int16)  # voxels of each run
     n = 0
     for run in range(len(cell)):
         for k in range(first[run], first[run + 1]):
             if known[k]:
                 run_of[n], step_of[n] = run, low[run] + (k - first[run])
                 n += 1
+            else:
+                missed[run] += 1
     done = 0
     while done < n:
         run, step = run_of[done], step_of[done]
@@ -213,17 +216,17 @@ def _spread(
         voxel = first[run] + step - low[run]
         row, col = cell[run] // cols, cell[run] % cols
         for r in range(max(row - 1, 0), min(row + 2, rows)):
-            for c in range(max(col - 1, 0), min(col + 2, cols)):
-                for other in range(runs_of[r * cols + c], runs_of[r * cols + c + 1]):
-                    if label[other] != label[run]:
-                        continue
-                    for near in range(max(step - 1, low[other]), min(step + 1, high[other]) + 1):
-                        k = first[other] + near - low[other]
-                        if not known[k]:
-                            known[k] = True
-                            rgb[k] = rgb[voxel]
-                            run_of[n], step_of[n] = other, near
-                            n += 1
+            for other in range(runs_of[r * cols + max(col - 1, 0)], runs_of[r * cols + min(col + 2, cols)]):
+                if missed[other] == 0 or label[other] != label[run]:
+                    continue
+                for near in range(max(step - 1, low[other]), min(step + 1, high[other]) + 1):
+                    k = first[other] + near - low[other]
+                    if not known[k]:
+                        known[k] = True
+                        missed[other] -= 1
+                        rgb[k] = rgb[voxel]
+                        run_of[n], step_of[n] = other, near
+                        n += 1
 
 
 @dataclass

@@ -45,6 +45,7 @@ from simaps_viz.mapping.in_space import (
     voxel_indices,
     voxel_keys,
     voxels_by_instance,
+    without_slivers,
     without_strays,
 )
 from simaps_viz.structures import Box, Points, Segment, SIMap
@@ -342,6 +343,7 @@ def score_space(points: Points, names: Sequence[str], truth: SpaceTruth) -> Spac
     below = sum(len(truth.below[number]) for number in counted)
     everything = _joined(counted.values())
     objects = {number: without_strays(keys) for number, keys in found.objects.items()}
+    objects = without_slivers(objects, found.labels)
     return SpaceScores(
         overall=_Tally.sum([one.tally(one.loose) for one in classes]).score(),
         strict=_Tally.sum([one.tally(one.strict) for one in classes]).score(),

@@ -149,7 +149,7 @@ def space_record(instance: Instance) -> dict[str, Any]:
     Keys: ``center_m``, ``size_m`` (length, width, height) and ``yaw_rad`` (of the length, counter-clockwise from x) of
     its box; ``on``, the object it stands on, or null; ``under`` and ``in``, lists of objects; ``shares`` {"on",
     "under", "in": {object: share of the instance's cells}}; ``voxels`` of 5 cm; ``color``, the median of its surface.
-    All null or empty for an instance without a voxel.
+    All null or empty for an instance without a voxel, or a sliver.
     """
     space = instance.in_space
     box = None if space is None else space.box

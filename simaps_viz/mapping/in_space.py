@@ -28,6 +28,8 @@ _MIN_SURFACE: Final = 3
 """Voxels."""
 FRINGE_PERCENT: Final = 1.0
 MIN_PATCH: Final = 0.1
+SLIVER: Final = 0.03
+"""Objects with a smaller share of the voxels usual in their class are slivers."""
 _AROUND: Final = [(x << X_BITS) + (y << Z_BITS) + z for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)]
 _AHEAD: Final = [step for step in _AROUND if step > 0]
 """From a voxel to half of those that touch it."""
@@ -122,6 +124,41 @@ def without_strays(keys: NDArray, least: float = MIN_PATCH) -> NDArray:
     _, patch = connected_components(graph, directed=False)
     sizes = np.bincount(patch)
     return keys[sizes[patch] >= least * sizes.max()]
+
+
+def least_sizes(sizes: NDArray, classes: NDArray) -> NDArray:
+    """Return how many voxels each object needs to be no sliver, which masks that slip over an edge leave behind it.
+
+    Usual in a class is the size of the object in which the middle one of all its voxels lies, the objects in order of
+    size; so slivers hardly change it.
+
+    Args:
+        sizes: int64 [n], voxels of each object.
+        classes: [n], anything that sorts.
+
+    Returns:
+        float64 [n].
+    """
+    order = np.lexsort((sizes, classes))
+    ascending = np.cumsum(sizes[order])
+    _, starts, at, objects = np.unique(classes[order], return_index=True, return_inverse=True, return_counts=True)
+    first, last = order[starts], starts + objects - 1
+    middle = (ascending[starts] - sizes[first] + ascending[last]) / 2.0
+    least = np.zeros(len(sizes))
+    least[order] = SLIVER * sizes[order[np.searchsorted(ascending, middle)]][at]
+    return least
+
+
+def without_slivers(voxels: Mapping[int, NDArray], class_of: Mapping[int, int | str]) -> dict[int, NDArray]:
+    """Return the objects that are large enough for their class, see `least_sizes`.
+
+    Args:
+        voxels: {object: its voxels}.
+        class_of: {object: its class}.
+    """
+    sizes = np.array([len(keys) for keys in voxels.values()], np.int64)
+    least = least_sizes(sizes, np.array([class_of[number] for number in voxels]))
+    return {number: keys for (number, keys), enough in zip(voxels.items(), sizes >= least, strict=True) if enough}
 
 
 def box_of(keys: NDArray, origin_m: tuple[float, float], *, trim_percent: float = FRINGE_PERCENT) -> Box:
@@ -341,11 +378,15 @@ def box_in(simap: SIMap, instance_id: int) -> Box | None:
 
 
 def in_space(points: Points, origin_m: tuple[float, float]) -> dict[int, InSpace]:
-    """Describe where the objects of a cloud are in space, by id; voxels are those of the grid at an origin."""
+    """Describe where the objects of a cloud are in space, by id; voxels are those of the grid at an origin.
+
+    Slivers (`least_sizes`) are left out.
+    """
     voxels = {number: without_strays(keys) for number, keys in voxels_by_instance(points, origin_m).items()}
-    related = relations(voxels)
     order = np.argsort(points.instances, kind="stable")
     ids, starts = np.unique(points.instances[order], return_index=True)
+    voxels = without_slivers(voxels, dict(zip(ids.tolist(), points.classes[order[starts]].tolist(), strict=True)))
+    related = relations(voxels)
     colors = dict(zip(ids.tolist(), np.split(points.colors[order], starts[1:]), strict=True)) if len(order) else {}
     made = {}
     for number, keys in voxels.items():

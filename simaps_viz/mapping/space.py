@@ -18,6 +18,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from simaps_viz.mapping.communities import MIN_PAIR_AFFINITY, communities_of_pairs
+from simaps_viz.mapping.in_space import least_sizes
 from simaps_viz.mapping.pooling import PoolSettings, join_parts
 from simaps_viz.mapping.projection import ON_A_STEP, STEPS_PER_M, first_step
 from simaps_viz.mapping.steps import FrameList
@@ -116,11 +117,11 @@ def find_surface(
     if len(of_matter):
         part, shown_in = (
             nodes.where(of_matter),
-            np.where(top[of_matter], instance.reshape(-1)[nodes.cell[of_matter]], 0),
+            np.where(top[of_matter], instance.reshape(-1)[nodes.cell[of_matter]], 0).astype(np.int32),
         )
-        partition = _Partition(grid, part, np.flatnonzero(~top[of_matter]), shown_in.astype(np.int32), settings)
+        partition = _Partition(grid, part, np.flatnonzero(~top[of_matter]), shown_in, settings)
         groups = partition.groups(seen, lowest, matters)
-        hidden = _hidden(grid, part, groups, first_id, settings, lowest)
+        hidden = _hidden(grid, part, shown_in, groups, first_id, settings, lowest)
         lower = of_matter[groups.lower]
         del partition, part, shown_in
         owner[lower] = np.where(groups.instance > 0, groups.instance, owner[lower])
@@ -904,11 +905,20 @@ def _pair_keys(rows: NDArray) -> NDArray:
 
 
 def _hidden(
-    grid: Grid, nodes: _Nodes, groups: _Groups, first_id: int, settings: SpaceSettings, lowest: int
+    grid: Grid, nodes: _Nodes, top: NDArray, groups: _Groups, first_id: int, settings: SpaceSettings, lowest: int
 ) -> list[tuple[Instance, int]]:
     """Describe the groups that are tied to no object of the map and are large enough, with their group numbers.
 
     Their ids follow the order of class names, then of their first cells.
+
+    Args:
+        grid: the map.
+        nodes: of the classes of which something lies below.
+        top: int32 [nodes], the instance that the map shows there, 0 = a lower node.
+        groups: what the lower nodes are parts of.
+        first_id: follows those of the map.
+        settings: how.
+        lowest: first step of a column.
     """
     lower = groups.lower
     free = np.flatnonzero(groups.instance == 0)
@@ -916,6 +926,12 @@ def _hidden(
     numbers, at = np.unique(groups.group[free], return_inverse=True)
     frames = np.bincount(groups.seen_in[:, 0], minlength=len(groups.score))
     order = np.argsort(at, kind="stable")
+    # Voxels of each group, and those it needs beside what else there is of its class.
+    owner = top.copy()
+    owner[lower] = np.where(groups.instance > 0, groups.instance, first_id + groups.group)
+    owners, first, owner = np.unique(owner, return_index=True, return_inverse=True)
+    voxels = np.bincount(owner, np.bitwise_count(nodes.steps)).astype(np.int64)
+    small = set(owners[voxels < least_sizes(voxels, nodes.label[first])].tolist())
     found = []
     for members in np.split(order, np.cumsum(np.bincount(at))[:-1]) if len(numbers) else ():
         cells = np.unique(cell[members])
@@ -929,6 +945,7 @@ def _hidden(
     return [
         (Instance(first_id + k, name, cells, middle, box, int(frames[group]), float(groups.score[group])), group)
         for k, (name, _, group, (cells, middle, box)) in enumerate(found)
+        if first_id + group not in small
     ]
 
 

@@ -15,11 +15,13 @@ from simaps_viz.mapping.in_space import (
     VOXEL_M,
     box_of,
     column_points,
+    least_sizes,
     majority,
     relations,
     voxel_centres,
     voxel_indices,
     voxel_keys,
+    without_slivers,
     without_strays,
 )
 
@@ -115,6 +117,18 @@ def test_strays_are_the_small_patches_apart():
     assert (without_strays(keys) == joined(patch, corner)).all()  # 10 of 101 voxels are less than a tenth
     assert (without_strays(keys, 0.095) == joined(patch, part, corner)).all()
     assert (without_strays(keys, 0.0) == keys).all() and len(without_strays(keys[:0])) == 0
+
+
+def test_slivers_are_small_for_their_class():
+    sizes = np.array([1000, 29, 1200, 35, 4, 3, 900])
+    classes = np.array([2, 2, 2, 2, 5, 5, 2])  # the middle voxel of class 2 lies in the object of 1000
+    assert least_sizes(sizes, classes).tolist() == pytest.approx([30.0, 30.0, 30.0, 30.0, 0.12, 0.12, 30.0])
+    assert least_sizes(sizes[:0], classes[:0]).shape == (0,)
+    table, chair = block((0, 40), (0, 30), (14, 15)), block((10, 20), (10, 20), (9, 10))
+    speck, sliver = block((60, 65), (0, 2), (3, 4)), block((60, 65), (0, 7), (3, 4))
+    voxels = {1: table, 2: chair, 3: speck, 4: sliver}
+    assert list(without_slivers(voxels, {1: "table", 2: "chair", 3: "chair", 4: "table"})) == [1, 2, 3]
+    assert without_slivers({}, {}) == {}
 
 
 def test_instances_know_their_map():

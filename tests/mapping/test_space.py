@@ -151,14 +151,26 @@ def test_a_chair_under_a_table_is_an_object_and_half_a_chair_is_none(joined):
     assert (points.classes[points.instances == 0] == 4).all() and (points.classes[points.instances > 0] < 3).all()
 
 
+@pytest.mark.parametrize(("rows", "found"), [(2, [144]), (5, [10, 144])])
+def test_what_is_far_smaller_than_its_class_is_no_object(rows, found):
+    """Under a table, a chair of 288 voxels, and 4 or 10 voxels of class chair apart from it."""
+    columns = block(range(20), range(20), 1, 14, 14) + block(range(12), range(12), 2, 4, 5)
+    columns += block(range(15, 15 + rows), range(16, 18), 3, 4, 4)
+    simap = map_of_columns([frame(i, columns, {1: "table", 2: "chair", 3: "chair"}) for i in range(4)])
+    assert sorted(one.cells for one in simap.hidden) == found
+    points = simap.points()
+    chairs = points.instances[points.classes == simap.grid.labels.index("chair")]
+    assert len(chairs) == 288 + 2 * rows and (chairs == 0).sum() == 2 * rows * (len(found) == 1)
+
+
 def test_masks_that_err_make_no_objects_of_one_glance_or_of_the_floor():
     """A book under the table in one frame only, and a sliver of class chair on the floor in thirty."""
     steps = table_over_chairs()
     book = block(range(10, 13), range(10, 13), 5, 6, 7)
-    sliver = block(range(-3, -1), range(22, 25), 6, 0, 0)
+    sliver = block(range(-3, -1), range(22, 26), 6, 0, 0)
     columns = [[c for c in block(range(-4, 20), range(-4, 26), 4, 0, 0) if c[:2] not in {d[:2] for d in sliver}]]
     steps.append(frame(24, book + columns[0], {4: "floor", 5: "book"}))
-    higher = block(range(-3, -1), range(22, 25), 1, 14, 14)
+    higher = block(range(-3, -1), range(22, 26), 1, 14, 14)
     steps += [frame(25 + i, sliver + higher, {1: "table", 6: "chair"}) for i in range(30)]
     exact, errs = (
         map_of_columns(steps, replace(BuildConfig(), votes=replace(BuildConfig().votes, exact_below=share)))

@@ -93,6 +93,12 @@ def test_building_is_compared_with_decoding_for_both_methods(tiny):
     assert all(ratio(line) > 0 and "x wall" in line and "x CPU" in line for line in lines[2:])
 
 
+def test_all_heights_are_compared_with_tops_alone(tiny):
+    cost, file = mapping.bench_surface(tiny, runs=1)
+    assert "ms of processor time more" in cost and float(re.findall(r"([\d.]+) x as", file)[0]) > 1.0
+    assert build_map(tiny).surface is not None  # nothing is left out afterwards
+
+
 def test_ours_and_the_loop_count_the_same_points(tiny):
     lines = list(points.bench_points(tiny, frames=2, looped=2, runs=1))
     assert "required: 500 x" in lines[1] and "ours, evidence" in lines[1] and "ours, paper" in lines[2]
