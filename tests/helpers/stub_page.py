@@ -34,6 +34,7 @@ class StubPage(page.Page):
         self.scene.texts = Texts(self.server)
         self.scene.set_up_direction("+z")
         self.simap, self.selected = simap, None
+        self.cut = self._own_cut = page.cut_of(simap)
         services = services or Services()
         self.workbench: Any = SimpleNamespace(services=services)
         self.shared = Shared(services)

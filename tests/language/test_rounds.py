@@ -16,10 +16,11 @@ REACHED = {
     "round18": (10, 1), "round19": (38, 1), "round20": (40, 0),
     "round21": (29, 0), "round22": (24, 1), "round23": (38, 1), "round24": (36, 0),
     "round25": (40, 0), "round26": (29, 0), "round27": (26, 0), "round28": (34, 2),
+    "round29": (35, 0),
 }  # fmt: skip
 """Of the commands on the maps that are shipped: at least so many right, and at most so many wrong but confident.
 
-Rounds 12, 13 and 15 are on none of them.
+Rounds 12, 13, 15 and 30 are on none of them.
 """
 
 

@@ -366,7 +366,7 @@ def test_what_a_typed_command_would_mean_is_marked_and_nothing_runs(monkeypatch)
         labels, lit = marked()
         assert lit == {4} and labels[0].startswith("▶ 3 · chair 4") and len(labels) == 4
         assert labels[-1] == "stops here" and len(panel._marks.path_m) > 1  # where the robot would stop
-        assert page.pose == TOY_POSE and not panel.driving and not panel._past and "Enter does this" in shown(bench)
+        assert page.pose == TOY_POSE and not panel.driving and not panel._past and "Go does this" in shown(bench)
         types("go to the third chai and")
         assert marked() == ([], None) and "Not a command yet" in shown(bench)
         types("go to the couch")

@@ -697,9 +697,9 @@ class CommandPanel(Panel):
         if moves:
             self._draw(replace(self._marks, path_m=answer.path_m))
         if answer.answer is not None and not answer.goals:
-            self._show_typed("", "A question: Enter answers it.")
+            self._show_typed("", "A question: Go answers it.")
         else:
-            self._show_typed("Enter does this", outcome_text(answer), why)
+            self._show_typed("Go does this", outcome_text(answer), why)
 
     def _end_typing(self) -> None:
         if self._typing is not None:

@@ -287,7 +287,8 @@ class SideChooser:
         """
         key = self.key
         if key == "map":
-            return f"This map ({simap.method})", simap
+            cut = f", {self._word} {self._page.cut.percent:g} %" if self._page.cut_here else ""
+            return f"This map ({simap.method}{cut})", simap
         if key in self._files:
             return key, self._files[key]
         if key == "settings":
