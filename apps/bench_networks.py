@@ -8,6 +8,7 @@ import tyro
 from benchmarks.networks import bench_agreement, bench_chosen, bench_network, bench_turned
 
 from simaps_viz import open_sequence
+from simaps_viz.evaluation.evaluate import PRECOMPUTED
 from simaps_viz.evaluation.run import open_for_evaluation
 
 DATA = Path(__file__).parents[1].parent / "shared" / "data"
@@ -29,8 +30,8 @@ class BenchNetworks:
     runs: int = 5
     """Measured runs of each piece of work, in turn, after one to warm up."""
     chosen: bool = False
-    """Only compare the PQ of maps of all masks with that of the frames that --segment-every chooses: the shared house,
-    exact, with simulated errors and with the detector's masks, and the embedded café."""
+    """Only compare maps of all masks with those of the frames that --segment-every chooses: the shared house and the
+    embedded café, exact and with simulated errors of three seeds, and the sequences with their own masks."""
     turned: bool = False
     """Only count what is found when the camera was held turned by 90, 180 and 270 degrees: in the sequences, and in the
     embedded café."""
@@ -39,12 +40,12 @@ class BenchNetworks:
 def main(config: BenchNetworks) -> None:
     """Measure, and print each line as soon as it is known."""
     if config.chosen:
-        house = DATA / "aws-small-house" / "rgbd"
-        cases = [(open_sequence(house), errors) for errors in ("none", "light", "medium")]
-        cases.append((open_sequence(house / "sequence-pred.json"), "precomputed"))
-        cases += [(open_for_evaluation("demo", None), errors) for errors in ("none", "light", "medium")]
+        house, cafe = open_sequence(DATA / "aws-small-house" / "rgbd"), open_for_evaluation("demo", None)
+        cases = [(place, errors) for place in (house, cafe) for errors in ("none", "light", "medium")]
+        cases += [(open_sequence(path), PRECOMPUTED) for path in config.sequences]
         for sequence, errors in cases:
-            sys.stdout.write(bench_chosen(sequence, errors) + "\n")
+            seeds = range(3 if errors in ("light", "medium") else 1)
+            sys.stdout.write(bench_chosen(sequence, errors, seeds) + "\n")
             sys.stdout.flush()
         return
     if config.turned:

@@ -38,7 +38,7 @@ class Build:
     """Where segments come from: "precomputed" (the ones the sequence has), a network (.onnx: YOLO-seg, Mask2Former,
     MaskFormer, OneFormer, EoMT) or a COCO panoptic table (.json)."""
     segment_every: str = "1"
-    """Which frames a network looks at: auto chooses those that show something from a new side, at most 30 %; N every
+    """Which frames a network looks at: auto chooses those that show the cells of the map best, at most 30 %; N every
     N-th. The others add free space, obstacles and heights."""
     network: Annotated[Networks, tyro.conf.arg(name="")] = field(default_factory=Networks)
     world: Annotated[WorldFrame, tyro.conf.arg(name="")] = field(default_factory=WorldFrame)
@@ -75,9 +75,10 @@ class Build:
         from simaps_viz.console.terminal import report
         from simaps_viz.datasets.floors import find_floors
         from simaps_viz.io.files import check_ending
+        from simaps_viz.segmentation.chosen_frames import config_for
 
         request = BuildRequest(
-            self.mapping.method, self.mapping.config(), self.output, self.record,
+            self.mapping.method, config_for(self.segment_every, self.mapping.config()), self.output, self.record,
             resume=self.resume, strict=self.strict, history=self.history,
         )  # fmt: skip
         building = self.output.suffix.lower() == ".json"

@@ -31,8 +31,8 @@ from simaps_viz.structures import Frame, Grid, GridSpec, Intrinsics, Segment, Se
 
 _MAX_RAY = 4.0  # a pixel's ray is taken to be at most so many times as long as its depth: 150 degrees of view
 
-UNSEGMENTED_ABOVE_M = 0.06
-"""What is this much higher than all that segmented frames saw is another surface."""
+UNSEGMENTED_ABOVE_M = 0.03
+"""What is this much higher than all that segmented frames saw may be another surface."""
 
 Extent = tuple[int, int, int, int]
 """A rectangle of cells, counted from the map's origin: first row, first column, last row + 1, last column + 1."""

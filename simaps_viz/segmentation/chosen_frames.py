@@ -1,10 +1,11 @@
-"""Choose the frames that a network looks at: those that show what no other frame has shown, or not from there.
+"""Choose the frames that a network looks at: those that together show the map's cells best.
 
 A network is nearly the whole cost of a build, and neighbouring frames of a walk show nearly the same. What a frame
-shows is found without a network, in its depth: small cubes of space, and from which side it sees each of them.
+shows is found without a network, in its depth: which cells of the map it sees, and how near to the top of each.
 """
 
 import heapq
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,22 +13,16 @@ from numpy.typing import NDArray
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
 from simaps_viz.events import Progress
-from simaps_viz.geometry import back_project, transform_points
+from simaps_viz.mapping.accumulator import MapAccumulator, ProjectionSettings
+from simaps_viz.mapping.config import BuildConfig
+from simaps_viz.structures import Segmentation
 
 AUTO = "auto"
 SHARE = 0.3
 """Of all frames, at most so many are chosen."""
-CUBE_M = 0.2
-SIDES = 8
-"""Sectors of the compass that a cube is seen from."""
-OFTEN = 8
-"""A view that was chosen so often is worth nothing more: votes and evidence need several witnesses."""
-FAR_M, HIGH_M = 6.0, 2.0
-"""Depth that is looked at, and height over the floor, as a map's by default."""
-POINTS = 3000
-"""Pixels of a frame that are looked at."""
-_MIDDLE = 1 << 14
-_CUBES = np.array([_MIDDLE**2 * 4, _MIDDLE * 2, 1], np.int64)
+BELOW_M, WORTH = (0.015, 0.03, 0.06), (1.0, 0.2, 0.05)
+"""What a frame says of a cell is worth less, the further below the cell's top its highest pixel there lies: it may show
+another surface."""
 
 
 def check_every(every: str) -> None:
@@ -53,60 +48,64 @@ def choose_frames(sequence: FrameSource, every: str, progress: Progress | None =
     check_every(every)
     if every != AUTO:
         return list(range(0, len(sequence), int(every))) if int(every) > 1 else None
-    views = []
+    # 1. The map of all frames, without classes, says how high each cell is.
+    seen = MapAccumulator(("none",), (False,), ProjectionSettings(), links=False)
     for index in range(len(sequence)):
-        views.append(_views(sequence, index))
+        try:
+            frame = sequence.read(index)
+        except InputError as error:
+            seen.skip_frame(index, sequence.frame_names[index], sequence.poses[index], str(error))
+        else:
+            nothing = Segmentation(np.zeros(frame.depth_m.shape, np.int32), ())
+            seen.add_frame(frame, nothing, sequence.T_map_world @ frame.T_world_camera)
         if progress:
             progress("choosing frames", index + 1, len(sequence))
-    return choose_views(views, max(1, int(SHARE * len(sequence))))
+    # 2. A frame shows the cells whose tops it saw, or nearly.
+    grid = seen.snapshot()
+    top, (row0, col0) = grid.height_m, seen.origin_cell
+    views, worth = [], []
+    for readings in (frame.readings for frame in seen.frames):
+        rows, cols = readings.rows - row0, readings.cols - col0
+        below = np.digitize(top[rows, cols] - readings.height_m, BELOW_M)
+        near = below < len(WORTH)
+        views.append((rows * grid.spec.cols + cols)[near])
+        worth.append(np.array(WORTH, np.float32)[below[near]])
+    return choose_views(views, worth, max(1, int(SHARE * len(sequence))))
 
 
-def choose_views(views: list[NDArray], most: int) -> list[int]:
+def config_for(every: str, config: BuildConfig) -> BuildConfig:
+    """Return how a map of chosen frames is built: a belief weighs as many frames less as fewer are looked at."""
+    check_every(every)
+    share = SHARE if every == AUTO else 1.0 / int(every)
+    pooling = replace(config.pooling, imagined_pairs=share * config.pooling.imagined_pairs)
+    return replace(config, pooling=pooling)
+
+
+def choose_views(views: list[NDArray], worth: list[NDArray], most: int) -> list[int]:
     """Choose frames one by one, each time the one that adds most; ties go to the earlier.
 
-    The first sight of a view is worth 1, the n-th 1/n, and none after `OFTEN` anything.
+    A cell that the chosen frames have shown with so much worth in all is known to 1 - exp(-worth): the first frame that
+    shows its top adds .63, the second .23, the third .09.
 
     Args:
-        views: int64 [k], different, of each frame: what it shows.
+        views: whole numbers [k] from 0, different, of each frame: the cells that it shows.
+        worth: floats [k] above 0, of each frame: how well it shows them.
         most: how many are chosen at most.
 
     Returns:
         Indices, ascending.
     """
-    counts = [len(view) for view in views]
-    known, number = np.unique(np.concatenate([np.zeros(0, np.int64), *views]), return_inverse=True)
-    shown = np.split(number.astype(np.int32), np.cumsum(counts)[:-1]) if views else []
-    worth = np.append(1.0 / np.arange(1, OFTEN + 1), 0.0)
-    seen = np.zeros(len(known), np.int32)
+    unknown = np.ones(1 + max((int(view.max(initial=-1)) for view in views), default=-1))
     # What a frame adds only falls as others are chosen: one that is still ahead when counted anew is the best.
-    waiting = [(-float(count), index) for index, count in enumerate(counts) if count]
+    waiting = [(float(np.expm1(-well).sum()), index) for index, well in enumerate(worth) if len(well)]
     heapq.heapify(waiting)
     chosen: list[int] = []
     while waiting and len(chosen) < most:
         _, index = heapq.heappop(waiting)
-        added = -float(worth[np.minimum(seen[shown[index]], OFTEN)].sum())
+        added = float(unknown[views[index]] @ np.expm1(-worth[index].astype(np.float64)))
         if waiting and (added, index) > waiting[0]:
             heapq.heappush(waiting, (added, index))
         elif added < 0.0:
             chosen.append(index)
-            seen[shown[index]] += 1
+            unknown[views[index]] *= np.exp(-worth[index])
     return sorted(chosen)
-
-
-def _views(sequence: FrameSource, index: int) -> NDArray:
-    """Return what a frame shows as numbers, int64 [k]: a cube and the side it is seen from; none if it is damaged."""
-    try:
-        frame = sequence.read(index)
-    except InputError:
-        return np.zeros(0, np.int64)
-    # every n-th pixel of every n-th row is a picture of a smaller camera
-    k, step = frame.intrinsics, max(1, round(float(np.sqrt(frame.depth_m.size / POINTS))))
-    depth = np.ascontiguousarray(frame.depth_m[::step, ::step])
-    points = back_project(depth, k.fx / step, k.fy / step, k.cx / step, k.cy / step)
-    T_map_camera = sequence.T_map_world @ frame.T_world_camera
-    points = transform_points(T_map_camera, points[(depth > 0.0) & (depth < FAR_M)])
-    points = points[points[:, 2] < HIGH_M]
-    away = points[:, :2] - T_map_camera[:2, 3]
-    side = np.floor((np.arctan2(away[:, 1], away[:, 0]) / (2.0 * np.pi) + 0.5) * SIDES).astype(np.int64) % SIDES
-    cube = np.clip(np.floor(points / CUBE_M), -_MIDDLE, _MIDDLE - 1).astype(np.int64) + _MIDDLE
-    return np.unique((cube @ _CUBES) * SIDES + side)

@@ -17,7 +17,7 @@ from simaps_viz.cli.main import main
 from simaps_viz.datasets.source import OtherMasks
 from simaps_viz.errors import InputError
 from simaps_viz.mapping.history import MapHistory
-from simaps_viz.segmentation.chosen_frames import OFTEN, choose_frames, choose_views
+from simaps_viz.segmentation.chosen_frames import WORTH, choose_frames, choose_views, config_for
 from simaps_viz.segmentation.sequences import segment_sequence
 
 FRAMES = 6
@@ -40,41 +40,53 @@ class Partly(OtherMasks):
         return masks if index in self.frames else replace(masks, ids=masks.ids * 0, segments=(), segmented=False)
 
 
-def slowly(views, most):
+def known(chosen, views, worth):
+    """How much of all cells these frames make known."""
+    shown = {}
+    for i in chosen:
+        for cell, well in zip(views[i], worth[i], strict=True):
+            shown[cell] = shown.get(cell, 0.0) + well
+    return sum(1.0 - np.exp(-so_well) for so_well in shown.values())
+
+
+def slowly(views, worth, most):
     """What `choose_views` does, counting all frames anew for each choice."""
-    seen, chosen = {}, []
+    chosen = []
     for _ in range(most):
-        worth = {
-            i: sum(1 / (seen.get(v, 0) + 1) for v in view if seen.get(v, 0) < OFTEN)
-            for i, view in enumerate(views) if i not in chosen
-        }  # fmt: skip
-        best = max(worth, key=lambda i: (worth[i], -i), default=None)
-        if best is None or worth[best] == 0:
+        left = [i for i in range(len(views)) if i not in chosen and len(views[i])]
+        if not left:
             break
-        chosen.append(best)
-        for view in views[best]:
-            seen[view] = seen.get(view, 0) + 1
+        chosen.append(max(left, key=lambda i: (known([*chosen, i], views, worth), -i)))
     return sorted(chosen)
 
 
 # which of two frames that add as much comes first depends on rounding, so what is compared is how much they add
 @settings(max_examples=60, deadline=None)
-@given(st.lists(st.sets(st.integers(0, 12), max_size=6), min_size=1, max_size=7), st.integers(1, 5))
-def test_frames_are_chosen_as_by_counting_all_anew(sets, most):
-    views = [np.array(sorted(one), np.int64) * 10**12 for one in sets]
-    chosen, expected = choose_views(views, most), slowly([view.tolist() for view in views], most)
+@given(
+    st.lists(st.dictionaries(st.integers(0, 12), st.sampled_from(WORTH), max_size=6), min_size=1, max_size=7),
+    st.integers(1, 5),
+)
+def test_frames_are_chosen_as_by_counting_all_anew(frames, most):
+    views = [np.array(list(one), np.int32) for one in frames]
+    worth = [np.array(list(one.values()), np.float32) for one in frames]
+    chosen, expected = choose_views(views, worth, most), slowly(views, worth, most)
     assert len(chosen) == len(expected)
-    value = [
-        sum(1 / n for v in range(13) for n in range(1, 1 + sum(v in sets[i] for i in c))) for c in (chosen, expected)
-    ]
-    assert value[0] == pytest.approx(value[1])
+    assert known(chosen, views, worth) == pytest.approx(known(expected, views, worth), rel=1e-5)
 
 
-def test_what_shows_nothing_new_is_not_chosen_and_ties_go_to_the_earlier():
-    one, other = np.arange(5), np.arange(5, 8)
-    assert choose_views([one, one, other, np.zeros(0, np.int64)], 2) == [0, 2]
-    assert choose_views([one] * 20, 20) == list(range(OFTEN))
-    assert choose_views([], 3) == []
+def test_what_shows_nothing_is_not_chosen_and_ties_go_to_the_earlier():
+    views = [np.arange(5), np.arange(5), np.arange(5, 8), np.zeros(0, np.int32)]
+    assert choose_views(views, [np.ones(len(view), np.float32) for view in views], 2) == [0, 2]
+    assert choose_views(views, [np.ones(len(view), np.float32) for view in views], 4) == [0, 1, 2]
+    assert choose_views(views[:2], [np.full(5, WORTH[-1]), np.ones(5)], 1) == [1]  # that sees the tops themselves
+    assert choose_views([], [], 3) == []
+
+
+def test_where_fewer_frames_are_looked_at_a_belief_weighs_less():
+    config = BuildConfig()
+    assert config_for("1", config) == config
+    assert config_for("4", config).pooling.imagined_pairs == config.pooling.imagined_pairs / 4
+    assert config_for("auto", config).pooling.imagined_pairs == pytest.approx(0.3 * config.pooling.imagined_pairs)
 
 
 def test_a_camera_that_stands_is_looked_at_less_than_one_that_walks(tmp_path):
@@ -189,6 +201,7 @@ def test_the_command_line_builds_of_chosen_frames_and_opens_their_masks_again(tm
     assert main([*command, "--segment-every", "auto", "-o", str(tmp_path / "auto.npz")]) == 0
     simap = load_map(tmp_path / "auto.npz")
     assert f", 1 of {FRAMES} frames [" in simap.provenance["segmentation"] and "chair" in simap.counts()
+    assert simap.parameters["pooling"]["imagined_pairs"] == pytest.approx(0.9)
     masks = sequence_of(simap)
     assert masks is not None and sum(masks.segmentation(i).segmented for i in range(FRAMES)) == 1
     again = reopening(masks, cache)()
