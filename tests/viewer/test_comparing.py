@@ -16,6 +16,7 @@ from simaps_viz.evaluation.space import score_space, truth_of_map
 from simaps_viz.evaluation.two_maps import TRUTH, Source
 from simaps_viz.mapping.in_space import space_points
 from simaps_viz.mapping.simap import repartition
+from simaps_viz.viewer.page.page import Cut
 from simaps_viz.viewer.panels import compare
 from simaps_viz.viewer.panels.compare import ComparePanel
 
@@ -70,6 +71,12 @@ def panel(desk, painter) -> Iterator[ComparePanel]:
     panel = ComparePanel(desk, maker)
     yield panel
     panel.close()
+
+
+def test_a_map_whose_slider_was_moved_says_so(panel, desk):
+    assert panel._sides[0].map(desk.simap, print)[0] == f"This map ({desk.simap.method})"
+    desk.cut = Cut(14.0, desk.cut.resolution)
+    assert panel._sides[0].map(desk.simap, print)[0].endswith(" 14 %)")
 
 
 def compares(panel, desk) -> None:

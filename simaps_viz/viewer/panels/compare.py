@@ -287,8 +287,8 @@ class SideChooser:
         """
         key = self.key
         if key == "map":
-            cut = f", {self._word} {self._page.cut.percent:g} %" if self._page.cut_here else ""
-            return f"This map ({simap.method}{cut})", simap
+            cut = f"{self._word} {self._page.cut.percent:g} %" if self._page.cut_here else simap.method
+            return f"This map ({cut})", simap
         if key in self._files:
             return key, self._files[key]
         if key == "settings":
