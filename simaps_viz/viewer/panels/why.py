@@ -388,7 +388,7 @@ class WhyPanel(Panel):
 
 def _steps_words(why: Why) -> str:
     steps = plural(len(why.joints), "merge step")
-    return f"Made in {steps}. Each: the two parts that became one, and how sure that was. Point to it or tap it to see them."
+    return f"Made in {steps}. Each: the two parts that became one, and how sure that was. Point to one or tap it to see."
 
 
 def _window(why: Why, position: int) -> tuple[str, ...]:
