@@ -388,7 +388,7 @@ class WhyPanel(Panel):
 
 def _steps_words(why: Why) -> str:
     steps = plural(len(why.joints), "merge step")
-    return f"Made in {steps}. Each: the two parts that became one, and how sure that was. Point to one or tap it to see."
+    return f"Made in {steps}. Each: the two parts that became one, and how sure that was. Point at one or tap it."
 
 
 def _window(why: Why, position: int) -> tuple[str, ...]:
