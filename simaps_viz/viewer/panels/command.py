@@ -853,7 +853,7 @@ class CommandPanel(Panel):
                 one.label, one.visible = command or "", command is not None  # whole, over two lines if need be
 
     def _show_typed(self, title: str, text: str, more: Sequence[str] = ()) -> None:
-        """Say what a command that is still being typed would do, in place of what came of the one before."""
+        """Show what a command that is still being typed would do, in place of what came of the one before."""
         self._show_program("")
         self._show_other_reading(None)
         self._show_result(title, text, more=more)
