@@ -148,6 +148,7 @@ def within_a_hand(simap):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["cafe", "house"])
 def test_objects_a_hand_apart_differ_whatever_their_numbers_are(name, request):
     """Colours repeat only beyond 0.3 m; of pairs that touch, one in twenty at most is confused with some vision."""

@@ -34,6 +34,8 @@ from simaps_viz.datasets.ros_messages import decode_depth
 from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.errors import InputError
 
+pytestmark = pytest.mark.slow  # each variant of a format is written and opened anew
+
 TEXT = (".txt", ".json", ".traj", ".pincam")
 
 

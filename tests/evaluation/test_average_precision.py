@@ -14,6 +14,8 @@ from simaps_viz.evaluation.average_precision import CLASSES, average_precision, 
 from simaps_viz.geometry import invert_pose, transform_points
 from simaps_viz.mapping.in_space import all_instances, space_points
 
+pytestmark = pytest.mark.slow  # surfaces of whole maps are scored
+
 
 def spread_over(*runs):
     """Return an array of so many of each number, (number, count) by (number, count)."""

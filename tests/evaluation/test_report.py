@@ -37,6 +37,8 @@ from simaps_viz.evaluation.two_maps import NO_PARTNER, PALETTE, distinct_colors
 from simaps_viz.mapping.file import save_map
 from simaps_viz.scenes.demo import DemoSettings, ensure_demo
 
+pytestmark = pytest.mark.slow  # whole evaluations are run
+
 SHARED = Path(__file__).parents[2].parent / "shared"
 HOUSE = SHARED / "data" / "aws-small-house" / "rgbd"
 needs_shared = pytest.mark.skipif(not SHARED.is_dir(), reason=f"{SHARED} is not on this machine")
