@@ -188,9 +188,9 @@ def sample_surface(frames: list[Frame]) -> Surface:
 
 
 def _priors(poses: NDArray) -> list[NDArray]:
-    """The directions that may be up, [3] each, the likeliest first: means over the cameras, short if they differ.
+    """Return the directions that may be up, [3] each, the likeliest first: means over the cameras' sides.
 
-    A camera that is turned about keeps the side up that it is held by; the other sides' means shorten.
+    Where the cameras differ, a mean is short: a camera that is turned about keeps only the side up that it is held by.
     """
     upper, right = -poses[:, :3, 1].mean(axis=0), poses[:, :3, 0].mean(axis=0)
     if np.linalg.norm(right) < ON_SIDE * np.linalg.norm(upper):

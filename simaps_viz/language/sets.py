@@ -49,7 +49,8 @@ _HANGING_M: Final = 0.4
 """What begins that far above a top hangs over it: it does not stand on it."""
 _NOBODY_M: Final = 0.5
 _WITHIN: Final = 0.5
-_RELATIONS: Final = ("near", "on", "under", "inside", "side", "facing", "opposite", "between")
+_RELATIONS: Final = ("near", "on", "under", "inside", "side", "between")
+"""Functions to which "the table" may be another than the nearest, see `the`."""
 _SPECK_M2: Final = 0.05
 _NO_COLORS: Final = "The colours of things are not known on this map."
 _ACROSS_M: Final = 0.6
@@ -139,7 +140,7 @@ class Sets(Grounding):
             # "The bottles on the counter" are on that counter which has bottles, if the nearest has none.
             for name, value in arguments.items():
                 for other in value.instead if name != "S" and isinstance(value, Things) else ():
-                    fitting = getattr(self, f"_{function.name}")(**{**arguments, name: one_thing(other)})
+                    fitting = self.call(function, {**arguments, name: one_thing(other)})
                     if fitting.items:
                         return fitting
         return found

@@ -232,7 +232,11 @@ _THAT_LEFT_OUT: Final = re.compile(
 """As in "the couch the teddy is sitting on"."""
 
 
-_NO_MATTER: Final = r"(?:(?:it|that) )?does(?:n['’]?t| not) (?:really )?matter"
+_WHICH_FIRST: Final = re.compile(
+    r"[,.;]?\s*(?:(?:it|that) )?does(?:n['’]?t| not) (?:really )?matter"
+    r" which(?: one)?(?: (?:comes|is|goes|you \w+))? first\b"
+)
+"""What leaves the order open; "first" would order it anywhere else."""
 _FILLERS: Final = re.compile(r"(?:,\s*(?=\w+\s*,))?\s*\b(?:er+|erm+|um+|uh+|uhm+|hm+|ehm)\b\s*(?:,|\.\.+)?")
 _CONTRACTED: Final = re.compile(
     r"\b([a-z]+)['’]s(?= (?:about|going|gone|not|been|too|so|very|really|always|still|getting|an?|the|in|on|under)\b)"
@@ -247,7 +251,7 @@ def plainly(text: str) -> str:
     said = _WORD.sub(lambda found: SPELLED.get(found[0].replace("’", "'"), found[0]), said)
     said = _LEFT.sub(r"\1", re.sub(r"\bam i\b", "are you", said))
     said = re.sub(r"\bif you were (?=(?:at|by|in|near|next)\b)", "if you would go ", said)
-    said = re.sub(rf"[,.;]?\s*{_NO_MATTER} which(?: one)?(?: (?:comes|is|goes|you \w+))? first\b", "", said)
+    said = _WHICH_FIRST.sub("", said)
     said = _WISHED.sub(lambda found: f"if you would {_PAST[found[1]]}", said)
     said = _TAG.sub("", _left_out(_KINDLY, _left_out(_INDIFFERENT, said), " "))
     said = _YOURSELF.sub(lambda found: found[0] if (found[1],) in _KNOWN else "go", said)

@@ -580,7 +580,7 @@ def _weakest(why: Why) -> str:
     text = f"Its weakest joint ({weakest.target_cells} + {plural(weakest.source_cells, 'cell')}) has "
     text += f"{score_text(method, weakest.score)}, above the {needed_text(method, why.threshold)} needed: "
     if len(why.together) == 0:
-        alone = "" if method_of(method).weights_per_frame else ", which counts as much as that"
+        alone = "" if method_of(method).weights_per_frame else f", which counts as {score_text(method, weakest.score)}"
         return f"{text}no frame saw both parts, but they touch{alone}."
     return f"{text}{together_words(why.together)}."
 

@@ -339,7 +339,7 @@ OUTLINE_M = 0.014
 GOAL_M = 0.25
 """Half the side of the square around the robot's final position that is kept free of labels."""
 STOPS = "stops here"
-WELCOME, TYPING = "Try an example, or type what the robot shall do.", "Enter sends it."
+WELCOME, TYPING = "Try an example, or type what the robot shall do.", "Go sends it."
 
 
 @dataclass(frozen=True, eq=False)
@@ -673,7 +673,7 @@ class CommandPanel(Panel):
             self._meant(examples(self._page.simap)[0])
 
     def _preview(self) -> None:
-        """Outline and number what the typed command would mean, draw the path, and say what Enter would do."""
+        """Outline and number what the typed command would mean, draw the path, and say what Go would do."""
         command = str(self._text.value)
         if self._hidden or self.uses_model or self._phase != "idle":  # a model is asked only what is sent to it
             return

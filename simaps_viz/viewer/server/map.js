@@ -325,21 +325,21 @@
     if (drawing.width !== w || drawing.height !== h) { drawing.width = w; drawing.height = h; }
     else context.clearRect(0, 0, w, h);
     drawn = false;
-    let under = null, said = false;
+    let under = null, near = false;
     if (map && pointer && !pressed) {
       const box = canvas.getBoundingClientRect(), [x, y] = [pointer[0] - box.left, pointer[1] - box.top];
       const [col, row] = cellAt(toScreen, x, y);
       under = map.objects.get(aimedAt(col, row));
-      const robot = robotAt(), near = robot && Math.hypot(robot[0] - x, robot[1] - y) < ROBOT_PX;
+      const robot = robotAt();
+      near = robot && Math.hypot(robot[0] - x, robot[1] - y) < ROBOT_PX;
       if (near) under = null;
       if (under || near) {
         const text = near ? ROBOT : under.facts, wide = widthOf(text) + 14;
         if (hint.textContent !== text) hint.textContent = text;
-        said = true;
         hint.style.transform = `translate(${Math.min(x + 14, width - wide - 4)}px, ${y > 44 ? y - 34 : y + 22}px)`;
       }
     }
-    hint.hidden = !under && !said;
+    hint.hidden = !under && !near;
     writeAll(plain ? 'simaps-name' : 'simaps-name simaps-pale', under);
     if (map && texts.some(([, text]) => text.startsWith('▶'))) {  // the ranks of others; the map itself outlines the target
       for (const [kind, text, ...label] of texts) {
