@@ -220,6 +220,20 @@ def test_so_they_are_on_a_page_opened_on_a_phone(browser, bench):
         assert found["x"] >= 0 and found["y"] + found["height"] <= canvas["y"] + canvas["height"] + 1  # on the map
 
 
+def test_on_a_phone_a_list_opens_beside_its_box_and_the_panels_stay(browser, bench):
+    with watched_page(browser, 420, 860, has_touch=True, is_mobile=True) as page:
+        open_workbench(page, bench)
+        expect(page.locator(".mantine-Notification-root:visible")).to_have_count(0)  # nothing lies over the map
+        box = page.get_by_label("Colours").and_(page.locator("input"))
+        box.scroll_into_view_if_needed()
+        place: Any = box.bounding_box()
+        page.touchscreen.tap(place["x"] + 20, place["y"] + 10)
+        chosen: Any = page.get_by_role("option", name="class", exact=True).bounding_box()
+        assert box.bounding_box() == place
+        assert place["x"] <= chosen["x"] and chosen["x"] + chosen["width"] <= place["x"] + place["width"] <= 420
+        assert chosen["y"] + chosen["height"] <= 860
+
+
 def test_a_hint_stands_beside_the_panels_and_covers_nothing_of_them(page):
     tab(page, "Map")
     page.get_by_role("button", name="Help", exact=True).or_(page.get_by_text("Help", exact=True)).first.hover()

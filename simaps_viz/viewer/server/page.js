@@ -3,6 +3,9 @@
   window.simapsPage = true;
   document.documentElement.lang = 'en';
   document.title = 'SI Maps';
+  // A phone would widen the page for a list that opens beyond its edge, and the panels would go with it.
+  const fit = document.querySelector('meta[name=viewport]');
+  if (fit) fit.content = 'width=device-width, initial-scale=1, minimum-scale=1';
 
   const press = (element) => {
     for (const kind of ['pointerdown', 'mousedown', 'pointerup', 'mouseup', 'click'])
@@ -74,11 +77,11 @@
   window.addEventListener('keydown', (event) => { if (['Enter', 'ArrowUp', 'ArrowDown'].includes(event.key)) count(); }, true);
   window.addEventListener('focusout', count, true);
 
-  const hush = () => {  // viser's remark on graphics without a card lies on the map until it is closed
-    for (const one of document.querySelectorAll('.mantine-Notification-root:not([data-simaps])')) {
-      if (!one.textContent.startsWith('Software WebGL')) continue;
-      one.dataset.simaps = 'seen';
-      setTimeout(() => { const close = one.querySelector('button'); if (close) close.click(); }, 6000);
+  const hush = () => {  // viser's remark on graphics without a card would lie on the map
+    for (const one of document.querySelectorAll('.mantine-Notification-root')) {
+      if (!one.textContent.startsWith('Software WebGL') || one.hidden) continue;
+      one.hidden = true;
+      one.querySelector('button').click();
     }
   };
   let turned = '';
