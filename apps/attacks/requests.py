@@ -271,4 +271,4 @@ def strange_events(target: Target) -> Tries:
                 for body in bodies if name == session.token else bodies[:5]:
                     reply = ask(port, f"{path}?session={name}", method="POST", body=body.encode())
                     yield f"{body[:30]} ended in {reply.status}" if reply.status not in (200, 400, 414) else None
-        yield None if session.wait_idle() else "the page no longer works"
+        yield None if session.wait_idle(600.0) else "the page no longer works"
