@@ -6,20 +6,19 @@ The method knows classes, not objects. ``vlmaps`` is just that: all cells of a c
 apart they lie. ``vlmaps+components`` tells objects apart the way VLMaps' programs do when they need a position: the
 cleaned mask of the class, contour by contour.
 
-`Embedder`s turn pixels and words into vectors of one space; `SimulatedLSeg` is one
-for machines without the network's 2 GB of weights and a GPU. It stands in for LSeg (Li et al.,
-"Language-driven Semantic Segmentation", ICLR 2022): vectors of 512 numbers, words that mean similar things close
-together, an output coarser than the picture, mistakes that differ from frame to frame. Like LSeg it is *semantic*: it
-gets the class at a pixel (with all the errors of the sequence's segmentation) and never which object the pixel
-belongs to. What it lacks: mistakes that stay the same from every viewpoint, and words outside a pixel's own class that
-fit better than the right one. Both make it kinder to VLMaps than a real network.
+`SimulatedLSeg` turns pixels and words into vectors of one space without a network's 2 GB of weights and a GPU. It
+stands in for LSeg (Li et al., "Language-driven Semantic Segmentation", ICLR 2022): vectors of 512 numbers, words that
+mean similar things close together, an output coarser than the picture, mistakes that differ from frame to frame. Like
+LSeg it is *semantic*: it gets the class at a pixel (with all the errors of the sequence's segmentation) and never which
+object the pixel belongs to. What it lacks: mistakes that stay the same from every viewpoint, and words outside a
+pixel's own class that fit better than the right one. Both make it kinder to VLMaps than a real network.
 """
 
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -33,10 +32,10 @@ from simaps_viz.events import (
     BuildFinished,
     BuildStarted,
     CommunitiesFound,
-    Event,
     FrameProjected,
     MergesFound,
     Observer,
+    notify,
     wants_color,
 )  # fmt: skip
 from simaps_viz.mapping.accumulator import MapAccumulator, ProjectionSettings
@@ -63,55 +62,6 @@ class PixelEmbeddings:
     """float32 [n, D]."""
     index: NDArray
     """int32 [H, W], row of ``table``; -1 = no embedding."""
-
-    def __post_init__(self) -> None:
-        if self.table.ndim != 2 or self.table.dtype != np.float32:
-            found = f"{self.table.dtype} {list(self.table.shape)}"
-            raise InputError(f"pixel embeddings: expected a table float32 [n, D], found {found}")
-        if self.index.ndim != 2 or self.index.dtype != np.int32:
-            found = f"{self.index.dtype} {list(self.index.shape)}"
-            raise InputError(f"pixel embeddings: expected an index int32 [H, W], found {found}")
-        if self.index.size and int(self.index.max()) >= len(self.table):
-            raise InputError(
-                f"pixel embeddings: expected an index below {len(self.table)}, found {int(self.index.max())}"
-            )
-
-
-class Embedder(Protocol):
-    """Embeds the pixels of a frame and the words of a query in one space."""
-
-    @property
-    def dimension(self) -> int:
-        """D, the length of every vector; 512 for CLIP ViT-B/32 and LSeg."""
-        ...
-
-    @property
-    def description(self) -> str:
-        """What it is, in words; shown beside every map made with it."""
-        ...
-
-    @property
-    def parameters(self) -> Mapping[str, Any]:
-        """What it was set to, JSON-able; kept in the map's provenance."""
-        ...
-
-    @property
-    def simulated(self) -> bool:
-        """It is no network: must be called simulated wherever its maps are shown."""
-        ...
-
-    @property
-    def wants_color(self) -> bool:
-        """It looks at ``Frame.color``, so frames have to be decoded with it."""
-        ...
-
-    def pixels(self, frame: Frame, segmentation: Segmentation) -> PixelEmbeddings:
-        """Embed every pixel; a network looks at the colour, a simulation at the class of each pixel."""
-        ...
-
-    def text(self, labels: Sequence[str]) -> NDArray:
-        """Embed words: float32 [n, D], unit length."""
-        ...
 
 
 KIN = (
@@ -171,10 +121,7 @@ EXACT = LSegNoise(noise=0.0, output_stride_px=1, bleed_px=0.0, confusion=0.0)
 
 
 class SimulatedLSeg:
-    """A simulated LSeg: an `Embedder` of documented noise."""
-
-    simulated = True
-    wants_color = False
+    """A simulated LSeg, with errors of documented size: embeds the pixels of a frame and words in one space."""
 
     def __init__(
         self, labels: Sequence[str], seed: int = 0, dimension: int = 512, *, noise: LSegNoise | None = None
@@ -577,7 +524,7 @@ def build_vlmaps(
     config: VLMapsConfig | None = None,
     *,
     components: bool = False,
-    embedder: Embedder | None = None,
+    embedder: SimulatedLSeg | None = None,
     observers: Sequence[Observer] = (),
 ) -> SIMap:
     """Build a map the way VLMaps does.
@@ -589,7 +536,7 @@ def build_vlmaps(
         sequence: posed RGB-D frames with their segmentation.
         config: how.
         components: one instance for each contour of the class's cleaned mask; False: one for each class.
-        embedder: gives pixels and words their vectors; a simulated LSeg when left out.
+        embedder: gives pixels and words their vectors; by default one with the errors of `LSegNoise`.
         observers: notified of every event, in order.
 
     Raises:
@@ -597,25 +544,20 @@ def build_vlmaps(
     """
     config = config or VLMapsConfig()
     encoder = embedder or SimulatedLSeg(sequence.labels, config.seed)
-
-    def tell(event: Event) -> None:
-        for observer in observers:
-            observer.on_event(event)
-
-    tell(_started(sequence, encoder))
+    notify(observers, _started(sequence, encoder))
     gathered = VLMapsAccumulator(sequence.labels, sequence.is_thing, config, encoder)
     T_map_camera = sequence.T_map_world @ sequence.poses
-    for frame, segmentation in read_ahead(sequence, color=encoder.wants_color or wants_color(observers)):
+    for frame, segmentation in read_ahead(sequence, color=wants_color(observers)):
         seen = gathered.add_frame(frame, segmentation, T_map_camera[frame.index])
         if observers:
-            tell(_projected(frame, segmentation, T_map_camera[frame.index], gathered, seen))
+            notify(observers, _projected(frame, segmentation, T_map_camera[frame.index], gathered, seen))
 
     grid, instance = split_classes(gathered.grid(), config, components=components)
     grid = without_passers_by(grid, gathered.seen(grid), config.projection.obstacle_height_m)
-    tell(CommunitiesFound(grid, instance, len(sequence) - 1, final=True))
-    tell(MergesFound(grid, instance, empty_log(), np.zeros(0, dtype=bool)))
+    notify(observers, CommunitiesFound(grid, instance, len(sequence) - 1, final=True))
+    notify(observers, MergesFound(grid, instance, empty_log(), np.zeros(0, dtype=bool)))
     simap = _assemble(sequence, config, gathered, grid, instance, components=components)
-    tell(BuildFinished(simap))
+    notify(observers, BuildFinished(simap))
     return simap
 
 
@@ -623,7 +565,7 @@ class VLMapsAccumulator:
     """Takes frames one by one; heights and observations as in every map, labels from the mean embeddings."""
 
     def __init__(
-        self, labels: tuple[str, ...], is_thing: tuple[bool, ...], config: VLMapsConfig, embedder: Embedder
+        self, labels: tuple[str, ...], is_thing: tuple[bool, ...], config: VLMapsConfig, embedder: SimulatedLSeg
     ) -> None:
         """Start empty.
 
@@ -727,13 +669,13 @@ def _relabelled(grid: Grid, label: NDArray) -> Grid:
     return Grid(grid.spec, grid.labels, grid.is_thing, label, grid.height_m, grid.lowest_m, grid.observations)
 
 
-def _started(sequence: FrameSource, encoder: Embedder) -> BuildStarted:
+def _started(sequence: FrameSource, encoder: SimulatedLSeg) -> BuildStarted:
     return BuildStarted(
         name=sequence.name,
         frame_names=sequence.frame_names,
         T_map_world=sequence.T_map_world,
         segmentation_source=f"{sequence.segmentation_source}; {encoder.description}",
-        simulated=sequence.simulated or encoder.simulated,
+        simulated=True,
     )
 
 
@@ -751,12 +693,12 @@ def _projected(
     )
 
 
-def _provenance(sequence: FrameSource, encoder: Embedder, store: EmbeddingStore, grid: Grid) -> dict[str, Any]:
+def _provenance(sequence: FrameSource, encoder: SimulatedLSeg, store: EmbeddingStore, grid: Grid) -> dict[str, Any]:
     return {
         "sequence": str(sequence.path),
         "name": sequence.name,
         "segmentation": f"{sequence.segmentation_source}; {encoder.description}",
-        "simulated": sequence.simulated or encoder.simulated,
+        "simulated": True,
         "frames": len(sequence),
         "simaps_version": version("simaps-viz"),
         "embeddings": encoder.description,

@@ -121,7 +121,3 @@ def test_bad_input_is_named():
         SimulatedLSeg(LABELS, seed=-1)
     with pytest.raises(InputError, match="'floor'"):
         SimulatedLSeg(("none", "chair")).pixels(frame, segmentation)
-    with pytest.raises(InputError, match="float32"):
-        PixelEmbeddings(np.zeros((2, 8)), np.zeros((3, 3), np.int32))
-    with pytest.raises(InputError, match="below 2, found 2"):
-        PixelEmbeddings(np.zeros((2, 8), np.float32), np.full((3, 3), 2, np.int32))

@@ -13,7 +13,6 @@ from simaps_viz import build_map, load_map, open_sequence, save_map
 from simaps_viz.baselines.vlmaps import (
     EXACT,
     ContourSettings,
-    PixelEmbeddings,
     SimulatedLSeg,
     VLMapsAccumulator,
     VLMapsConfig,
@@ -168,32 +167,6 @@ def test_those_who_watch_are_told_in_order_and_see_the_map_grow(tiny):
     assert (watcher.labels[0].label == simap.grid.labels.index("chair")).sum() == 32
     finished = watcher.events[-1]
     assert isinstance(finished, BuildFinished) and finished.simap is simap
-
-
-class ColorEmbedder:
-    """A truly dense encoder: a vector for every pixel, made of its colour."""
-
-    dimension, simulated, wants_color, description = 3, False, True, "colours"
-
-    def __init__(self):
-        self.parameters = {}
-
-    def pixels(self, frame, segmentation):
-        height, width = frame.depth_m.shape
-        table = frame.color.reshape(-1, 3).astype(np.float32)
-        return PixelEmbeddings(table, np.arange(height * width, dtype=np.int32).reshape(height, width))
-
-    def text(self, labels):
-        words = {"other": (0, 0, 1), "chair": (1, 0, 0), "floor": (0.577, 0.577, 0.577)}
-        return np.array([words[label] for label in labels], np.float32)
-
-
-def test_any_encoder_will_do(tiny):
-    """The chairs are red and green; to this one only red is a chair."""
-    simap = build_vlmaps(tiny, DENSE, components=True, embedder=ColorEmbedder())
-    assert [i.label for i in simap.instances] == ["chair"]
-    assert simap.instances[0].centroid_m[0] == pytest.approx(-0.2, abs=1e-3)
-    assert not simap.provenance["simulated"]
 
 
 @pytest.mark.parametrize(
