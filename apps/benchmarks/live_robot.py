@@ -15,6 +15,7 @@ import numpy as np
 from fake_robot import DEPTH, TOPICS, Faults, FoxgloveServer, Played, Server, Wheels, ZenohServer, play
 
 from simaps_viz.build.pipeline import BuildConfig, build_map
+from simaps_viz.datasets.floors import SomeFrames
 from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.errors import InputError
 from simaps_viz.evaluation.quality import score
@@ -291,25 +292,5 @@ def qualities(sequence: PosedFrames, maps: dict[str, SIMap], rate_hz: float) -> 
     for name, one in maps.items():
         times = np.array([float(at) for at in one.frame_names])
         at = np.rint((times - times[-1]) * rate_hz).astype(int) + len(sequence) - 1  # the last frame is on each map
-        found[name] = quality(one), quality(build_map(_Some(sequence, at.clip(0))))  # type: ignore[arg-type]
+        found[name] = quality(one), quality(build_map(SomeFrames(sequence, at.clip(0).tolist())))
     return found
-
-
-class _Some:
-    """Some frames of a sequence."""
-
-    def __init__(self, whole: PosedFrames, at: np.ndarray) -> None:
-        self._whole, self._at, self.poses = whole, at.tolist(), whole.poses[at]
-        self.frame_names = tuple(whole.frame_names[i] for i in self._at)
-
-    def __len__(self) -> int:
-        return len(self._at)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._whole, name)
-
-    def read(self, index: int, **how: Any) -> Frame:
-        return replace(self._whole.read(self._at[index], **how), index=index)
-
-    def segmentation(self, index: int) -> Segmentation:
-        return self._whole.segmentation(self._at[index])

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from benchmarks.masks import agreement, map_agreement
 from benchmarks.timing import Cost, measure
-from numpy.typing import NDArray
 
 from simaps_viz.build.pipeline import BuildConfig, build_map
+from simaps_viz.datasets.floors import SomeFrames
 from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.datasets.source import FrameSource, OtherMasks
 from simaps_viz.evaluation.evaluate import masks_source
@@ -28,51 +28,20 @@ REQUIRED = 1.15
 """Segmenting and mapping may take this many times as long as the network alone."""
 
 
-class Every:
-    """Every n-th frame of a sequence, as a sequence: a `FrameSource` and enough of a `PosedFrames` to be segmented."""
+class Every(SomeFrames):
+    """Every n-th frame of a sequence, with all of a `PosedFrames` that segmenting it takes."""
 
     def __init__(self, sequence: PosedFrames, frames: int) -> None:
-        step = max(1, len(sequence) // frames)
-        self._sequence = sequence
-        self._indices = list(range(0, len(sequence), step))[:frames]
-        self.name, self.path = sequence.name, sequence.path
-        self.frame_names = tuple(sequence.frame_names[i] for i in self._indices)
-        self.poses: NDArray = sequence.poses[self._indices]
-        self.T_map_world, self.simulated, self.intrinsics = (
-            sequence.T_map_world,
-            sequence.simulated,
-            sequence.intrinsics,
-        )
-        self.labels, self.is_thing = sequence.labels, sequence.is_thing
-        self.segmentation_source: str = sequence.segmentation_source
-
-    def __len__(self) -> int:
-        return len(self._indices)
-
-    def described(self) -> bytes:
-        """Return what the sequence says its images mean."""
-        return self._sequence.described()
+        super().__init__(sequence, range(0, len(sequence), max(1, len(sequence) // frames))[:frames])
+        self._whole, self.intrinsics = sequence, sequence.intrinsics
 
     def color_file(self, index: int) -> Path | None:
         """Return the file of a frame's colour image."""
-        return self._sequence.color_file(self._indices[index])
+        return self._whole.color_file(self.indices[index])
 
     def files(self, index: int) -> tuple[Path, Path]:
         """Return the files of a frame's colour and depth."""
-        return self._sequence.files(self._indices[index])
-
-    def color(self, index: int) -> NDArray:
-        """Read a frame's colour image."""
-        return self._sequence.color(self._indices[index])
-
-    def read(self, index: int, *, color: bool = False) -> Frame:
-        """Read a frame; it gets the index it has here."""
-        frame = self._sequence.read(self._indices[index], color=color)
-        return Frame(index, frame.name, frame.depth_m, frame.T_world_camera, frame.intrinsics, frame.color)
-
-    def segmentation(self, index: int) -> Segmentation:
-        """Read a frame's own masks."""
-        return self._sequence.segmentation(self._indices[index])
+        return self._whole.files(self.indices[index])
 
 
 class Turned(Every):
@@ -88,10 +57,6 @@ class Turned(Every):
     def color_file(self, index: int) -> Path | None:
         """Return None: no file holds the turned picture."""
         return None
-
-    def color(self, index: int) -> NDArray:
-        """Read a frame's colour image, and turn it."""
-        return turned(super().color(index), self._turns)
 
     def read(self, index: int, *, color: bool = False) -> Frame:
         """Read a frame, and turn it."""

@@ -139,16 +139,16 @@ def find_stairs(sequence: FrameSource, floors: Sequence[float]) -> list[tuple[in
 
 
 class SomeFrames(OtherMasks):
-    """Some frames of a sequence, in a map frame of their own: a `FrameSource`."""
+    """Some frames of a sequence, in its map frame or one of their own: a `FrameSource`."""
 
-    def __init__(self, sequence: FrameSource, indices: Sequence[int], T_map_world: NDArray) -> None:
-        """Take the frames at these indices, ascending."""
+    def __init__(self, sequence: FrameSource, indices: Sequence[int], T_map_world: NDArray | None = None) -> None:
+        """Take the frames at these indices."""
         super().__init__(sequence)
         self.complete = sequence
         self.indices: tuple[int, ...] = tuple(indices)
         self.frame_names = tuple(sequence.frame_names[i] for i in self.indices)
         self.poses = sequence.poses[list(self.indices)]
-        self.T_map_world = T_map_world
+        self.T_map_world = sequence.T_map_world if T_map_world is None else T_map_world
         self.segmentation_source: str = sequence.segmentation_source
 
     def read(self, index: int, *, color: bool = False) -> Frame:

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.datasets.floors import SomeFrames
 from simaps_viz.datasets.images import encode_ids
 from simaps_viz.datasets.manifest import read_json
 from simaps_viz.datasets.sequence import PosedFrames
@@ -183,15 +184,6 @@ class Report:
         return tuple(dict.fromkeys(run.method for run in self.runs))
 
 
-class FirstFrames(OtherMasks):
-    """The first few frames of a sequence: a `FrameSource`."""
-
-    def __init__(self, sequence: FrameSource, count: int) -> None:
-        super().__init__(sequence)
-        self.segmentation, self.segmentation_source = sequence.segmentation, sequence.segmentation_source
-        self.frame_names, self.poses = sequence.frame_names[:count], sequence.poses[:count]
-
-
 def evaluate(
     sequence: PosedFrames,
     methods: Sequence[str],
@@ -236,7 +228,7 @@ def evaluate(
             if progress:
                 progress("building and scoring maps", len(runs), len(plan) * len(methods))
             if (kind, seed) == plan[0]:
-                build(FirstFrames(source, _WARM_UP_FRAMES), method)
+                build(SomeFrames(source, range(min(_WARM_UP_FRAMES, len(source)))), method)
             start = time.perf_counter()
             simap = build(source, method)
             seconds = time.perf_counter() - start
