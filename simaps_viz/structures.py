@@ -143,6 +143,15 @@ class GridSpec:
         """Return the map-frame (x, y) of a cell's centre, metres."""
         return (self.x0_m + (col + 0.5) * self.cell_size_m, self.y0_m + (row + 0.5) * self.cell_size_m)
 
+    def cells_of(self, points_m: NDArray) -> tuple[NDArray, NDArray]:
+        """Return rows and cols, int64 [n] each, of the cells that hold points, float [n, 2], as `cell_of` does."""
+        cells = np.floor((points_m - (self.x0_m, self.y0_m)) / self.cell_size_m).astype(np.int64)
+        return cells[:, 1], cells[:, 0]
+
+    def centres_of(self, rows: NDArray, cols: NDArray) -> NDArray:
+        """Return the map-frame (x, y) of cells' centres, float64 [..., 2], metres, as `centre_of` does."""
+        return (np.stack([cols, rows], axis=-1) + 0.5) * self.cell_size_m + (self.x0_m, self.y0_m)
+
     def contains(self, row: int, col: int) -> bool:
         """Return whether (row, col) is a cell of the grid."""
         return 0 <= row < self.rows and 0 <= col < self.cols

@@ -19,7 +19,7 @@ from simaps_viz.errors import InputError
 from simaps_viz.evaluation.evaluate import NOT_SIMULATED, Build, check_lists, masks_source
 from simaps_viz.evaluation.report import TextTable
 from simaps_viz.evaluation.tasks import FAMILIES, Task, TrueGoal, make_tasks, side_error_m
-from simaps_viz.evaluation.truth import check_same_frame, find_truth, truth_as_map
+from simaps_viz.evaluation.truth import check_same_frame, find_truth, partners, truth_as_map
 from simaps_viz.evaluation.world import TOLERANCE_M, World, observe_world
 from simaps_viz.events import Progress
 from simaps_viz.geometry import wrap_angle
@@ -156,19 +156,11 @@ class Verdict:
 def true_objects_of(simap: SIMap, world: World) -> dict[int, int]:
     """Return {instance of the judged map: world-wide id of the object it shares most cells with}; 0 if with none."""
     rows, cols = np.nonzero(simap.instance)
-    x = simap.spec.x0_m + (cols + 0.5) * simap.spec.cell_size_m
-    y = simap.spec.y0_m + (rows + 0.5) * simap.spec.cell_size_m
-    col = np.floor((x - world.spec.x0_m) / world.spec.cell_size_m).astype(np.int64)
-    row = np.floor((y - world.spec.y0_m) / world.spec.cell_size_m).astype(np.int64)
+    row, col = world.spec.cells_of(simap.spec.centres_of(rows, cols))
     inside = (row >= 0) & (row < world.spec.rows) & (col >= 0) & (col < world.spec.cols)
     true = np.zeros(len(rows), np.int64)
     true[inside] = world.ids[row[inside], col[inside]]
-    pairs, shared = np.unique(np.column_stack([simap.instance[rows, cols], true]), axis=0, return_counts=True)
-    best: dict[int, int] = {instance.id: 0 for instance in simap.instances}
-    for (mine, theirs), _ in sorted(zip(pairs.tolist(), shared.tolist(), strict=True), key=lambda p: (p[1], -p[0][1])):
-        if theirs:
-            best[mine] = theirs
-    return best
+    return {one.id: 0 for one in simap.instances} | partners(simap.instance[rows, cols], true)
 
 
 def judge(world: World, shows: Mapping[int, int], task: Task, answer: Answer, drive: Drive) -> Verdict:

@@ -41,8 +41,8 @@ from simaps_viz.evaluation.report import (
     overall_table,
     report_json,
 )
-from simaps_viz.evaluation.truth import Truth, exact_of, joint_window, moved_grid, whole_cells
-from simaps_viz.evaluation.two_maps import NO_PARTNER, PALETTE, distinct_colors, paint, partners
+from simaps_viz.evaluation.truth import Truth, exact_of, joint_window, moved_grid, partners, whole_cells
+from simaps_viz.evaluation.two_maps import NO_PARTNER, PALETTE, distinct_colors, paint
 from simaps_viz.events import Progress
 from simaps_viz.geometry import moved
 from simaps_viz.io.files import check_output, write_whole

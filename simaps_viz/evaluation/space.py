@@ -557,7 +557,10 @@ def box_iou(one: Box, other: Box) -> float:
 
 
 def _clipped(ring: NDArray, by: NDArray) -> NDArray:
-    """Return the part of a convex polygon inside a counter-clockwise convex one (Sutherland-Hodgman)."""
+    """Return the part of a convex polygon inside a counter-clockwise convex one (Sutherland-Hodgman).
+
+    OpenCV's `intersectConvexConvex` finds nothing in common of two boxes that are shifted along one of their sides.
+    """
     for start, end in zip(by, np.roll(by, -1, axis=0), strict=True):
         if len(ring) == 0:
             break

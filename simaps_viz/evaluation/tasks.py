@@ -156,8 +156,7 @@ def between(world: World, a: TrueObject, b: TrueObject) -> TrueGoal | None:
     """Return the goal in the gap between two objects, if the robot can stand there and sees both."""
     share = np.linspace(0.0, 1.0, 4001)
     line = a.centroid_m + share[:, None] * (b.centroid_m - a.centroid_m)
-    cells = np.floor((line - (world.spec.x0_m, world.spec.y0_m)) / world.spec.cell_size_m).astype(np.int64)
-    ids = world.ids[cells[:, 1], cells[:, 0]]
+    ids = world.ids[world.spec.cells_of(line)]
     leaves = share[ids == a.id].max(initial=0.0)
     enters = share[(ids == b.id) & (share > leaves)].min(initial=1.0)
     gap_m = float((enters - leaves) * np.linalg.norm(b.centroid_m - a.centroid_m))

@@ -65,6 +65,21 @@ def moved_grid(grid: Grid, spec: GridSpec) -> Grid:
     )
 
 
+def partners(cells: NDArray, reference: NDArray) -> dict[int, int]:
+    """Return {id: the id of the reference with which it shares most cells}, the lower of equals; none without any.
+
+    Args:
+        cells: int, any shape, 0 = none.
+        reference: the same cells.
+    """
+    both = (cells > 0) & (reference > 0)
+    pairs, shared = np.unique(np.stack([cells[both], reference[both]], axis=1), axis=0, return_counts=True)
+    best: dict[int, int] = {}
+    for at in np.argsort(-shared, kind="stable").tolist():
+        best.setdefault(int(pairs[at, 0]), int(pairs[at, 1]))
+    return best
+
+
 _MAX_IDS = np.iinfo(np.int16).max
 _SLOTS = tuple(str(i) for i in range(_MAX_IDS + 1))
 _SAME_FRAME = 1e-3

@@ -40,6 +40,7 @@ from simaps_viz.evaluation.truth import (
     exact_of,
     joint_window,
     moved_grid,
+    partners,
     settings_of,
     truth_as_map,
     truth_of,
@@ -79,21 +80,6 @@ def distinct_colors(instance: NDArray) -> dict[int, Color]:
         apart = np.hypot(*(middle - middle[at]).T)
         nearest[:, color] = np.minimum(nearest[:, color], apart)
     return chosen
-
-
-def partners(cells: NDArray, reference: NDArray) -> dict[int, int]:
-    """Return {id: the id of the reference with which it shares most cells}, the lower of equals; none without any.
-
-    Args:
-        cells: int [rows, cols], 0 = none.
-        reference: the same window.
-    """
-    both = (cells > 0) & (reference > 0)
-    pairs, shared = np.unique(np.stack([cells[both], reference[both]], axis=1), axis=0, return_counts=True)
-    best: dict[int, int] = {}
-    for at in np.argsort(-shared, kind="stable").tolist():
-        best.setdefault(int(pairs[at, 0]), int(pairs[at, 1]))
-    return best
 
 
 def paint(grid: Grid, instance: NDArray, colors: Mapping[int, Color]) -> NDArray:

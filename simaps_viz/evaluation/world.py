@@ -102,7 +102,7 @@ class World:
     @cached_property
     def _obstacles(self) -> KDTree | None:
         rows, cols = np.nonzero(self.occupied)
-        return KDTree(_centres(self.fine, rows, cols)) if len(rows) else None
+        return KDTree(self.fine.centres_of(rows, cols)) if len(rows) else None
 
     def clearance_m(self, points_m: NDArray) -> NDArray:
         """Return each point's distance to what is occupied, float64 [n], metres; 0 inside.
@@ -122,7 +122,7 @@ class World:
         if not count:
             raise InputError(f"{self.name}: expected floor wide enough for the robot, found none")
         largest = np.bincount(areas.ravel())[1:].argmax() + 1
-        return _centres(self.fine, *np.nonzero(areas == largest))
+        return self.fine.centres_of(*np.nonzero(areas == largest))
 
     @cached_property
     def roomy_tree(self) -> KDTree:
@@ -177,10 +177,9 @@ class World:
         steps = max(2, int(length / (self.spec.cell_size_m / 4.0)))
         share = np.linspace(min(1.0, 0.2 / max(length, 1e-9)), 1.0, steps)
         points = eye_m + share[:, None] * (target_m - eye_m)
-        cells = np.floor((points - (self.spec.x0_m, self.spec.y0_m)) / self.spec.cell_size_m).astype(np.int64)
-        inside = ((cells >= 0) & (cells < (self.spec.cols, self.spec.rows))).all(axis=1)
-        col, row = cells[inside].T
-        return row, col, share[inside]
+        row, col = self.spec.cells_of(points)
+        inside = (row >= 0) & (row < self.spec.rows) & (col >= 0) & (col < self.spec.cols)
+        return row[inside], col[inside], share[inside]
 
 
 def observe_world(
@@ -207,7 +206,7 @@ def observe_world(
     tops = replace(tops, instance=without_specks(tops.instance))
     cells = {number: np.nonzero(tops.instance == number) for number in sorted(tops.names)}
     objects = tuple(
-        TrueObject(number, tops.names[number], _centres(tops.spec, *where))
+        TrueObject(number, tops.names[number], tops.spec.centres_of(*where))
         for number, where in cells.items()
         if len(where[0])
     )
@@ -242,12 +241,8 @@ def _occupied_by(spec: GridSpec, surface_m: NDArray, height_m: float) -> NDArray
     """Mark the cells with a surface between what a robot drives over and its height, bool [rows, cols]."""
     low = ProjectionSettings().obstacle_height_m
     points = surface_m[(surface_m[:, 2] >= low) & (surface_m[:, 2] <= height_m)]
-    cells = np.floor((points[:, :2] - (spec.x0_m, spec.y0_m)) / spec.cell_size_m).astype(np.int64)
-    col, row = cells[((cells >= 0) & (cells < (spec.cols, spec.rows))).all(axis=1)].T
+    row, col = spec.cells_of(points[:, :2])
+    inside = (row >= 0) & (row < spec.rows) & (col >= 0) & (col < spec.cols)
     occupied = np.zeros(spec.shape, np.bool_)
-    occupied[row, col] = True
+    occupied[row[inside], col[inside]] = True
     return occupied
-
-
-def _centres(spec: GridSpec, rows: NDArray, cols: NDArray) -> NDArray:
-    return (np.column_stack([cols, rows]) + 0.5) * spec.cell_size_m + (spec.x0_m, spec.y0_m)

@@ -144,8 +144,8 @@ def _layers(old: Grid, new: Grid) -> Iterator[_Layer]:
     seen = old.observations > 0
     solid = [~np.isnan(grid.lowest_m) for grid in (old, new)]
     free = [(grid.observations > 0) & ~one for grid, one in zip((old, new), solid, strict=True)]
-    yield _Layer(_centres(new, solid[1]), _soft(old, solid[0]), 0)
-    yield _Layer(_centres(new, free[1]), (free[0] | ~seen).astype(np.float32), 1)
+    yield _Layer(new.spec.centres_of(*np.nonzero(solid[1])), _soft(old, solid[0]), 0)
+    yield _Layer(new.spec.centres_of(*np.nonzero(free[1])), (free[0] | ~seen).astype(np.float32), 1)
     sizes = np.bincount(new.label[solid[1]], minlength=len(new.labels))
     known = [label for label, name in enumerate(new.labels) if label and name in old.labels]
     for label in sorted(known, key=lambda label: -sizes[label])[:MAX_CLASSES]:
@@ -153,7 +153,7 @@ def _layers(old: Grid, new: Grid) -> Iterator[_Layer]:
         if sizes[label] >= MIN_CELLS:
             there = (old.label == old.labels.index(name)) & solid[0]
             if np.count_nonzero(there) >= MIN_CELLS:
-                yield _Layer(_centres(new, where), _soft(old, there), 2)
+                yield _Layer(new.spec.centres_of(*np.nonzero(where)), _soft(old, there), 2)
 
 
 def _coarse(old: Grid, layers: tuple[_Layer, ...]) -> list[NDArray]:
@@ -212,11 +212,6 @@ def _agreement(old: Grid, seen: NDArray, layers: list[_Layer], place: NDArray) -
         known[one.kind] += here.sum()
         total += len(one.points) if one.kind < 2 else 0
     return float(_score(agreed, known, total))
-
-
-def _centres(grid: Grid, where: NDArray) -> NDArray:
-    rows, cols = np.nonzero(where)
-    return (np.stack([cols, rows], axis=1) + 0.5) * grid.spec.cell_size_m + (grid.spec.x0_m, grid.spec.y0_m)
 
 
 def _soft(grid: Grid, where: NDArray) -> NDArray:

@@ -291,8 +291,7 @@ def sides(spec: GridSpec, cells: NDArray, line_m: tuple[Point, Point]) -> tuple[
     """
     (ax, ay), (bx, by) = line_m
     row, col = np.divmod(cells, spec.cols)
-    x = spec.x0_m + (col + 0.5) * spec.cell_size_m
-    y = spec.y0_m + (row + 0.5) * spec.cell_size_m
+    x, y = spec.centres_of(row, col).T
     length = np.hypot(bx - ax, by - ay)
     off_m = ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / length
     left = off_m > 1e-9

@@ -609,9 +609,7 @@ class Robot:
         start, end = np.array(a.centroid_m[:2]), np.array(b.centroid_m[:2])
         share = np.linspace(0.0, 1.0, 2001)
         points = start + share[:, None] * (end - start)
-        spec = self.simap.spec
-        cells = np.floor((points - (spec.x0_m, spec.y0_m)) / spec.cell_size_m).astype(np.int64)
-        ids = self.simap.instance[cells[:, 1], cells[:, 0]]
+        ids = self.simap.instance[self.simap.spec.cells_of(points)]
         leave = share[ids == a.id].max(initial=0.0)
         enter = share[(ids == b.id) & (share > leave)].min(initial=1.0)
         return start + (leave + enter) / 2.0 * (end - start)

@@ -60,11 +60,6 @@ def on_picture(points_m: NDArray) -> NDArray:
     return (np.asarray(points_m)[..., :2] * (1.0, -1.0)).astype(np.float32)
 
 
-def cell_centres(spec: GridSpec, rows: NDArray, cols: NDArray) -> NDArray:
-    """Return the map-frame centres, float64 [..., 2], of cells."""
-    return np.stack([spec.x0_m + (cols + 0.5) * spec.cell_size_m, spec.y0_m + (rows + 0.5) * spec.cell_size_m], axis=-1)
-
-
 def ground_picture(grid: Grid) -> NDArray:
     """Draw floor, walls, things without a name and things with one, uint8 [rows, cols], values as in ``GROUND``."""
     picture = ground_kinds(grid)
@@ -501,7 +496,7 @@ class MapLog:
         values = picture[::-1]  # south up again, like the grid
         rows, cols = np.nonzero(values)
         tops = np.nan_to_num(grid.height_m[rows, cols])[:, None]
-        points = np.concatenate([cell_centres(grid.spec, rows, cols), tops], axis=1)
+        points = np.concatenate([grid.spec.centres_of(rows, cols), tops], axis=1)
         self._stream.log(
             "/world/cells",
             rr.Points3D(points, class_ids=values[rows, cols], radii=grid.spec.cell_size_m / 2, show_labels=False),
@@ -566,7 +561,7 @@ class MapLog:
         if len(edges) > self._settings.edges:
             kept = np.linspace(0, len(edges), self._settings.edges, endpoint=False).astype(int)
             edges, labels = edges[kept], labels[kept]
-        ends = cell_centres(grid.spec, edges.reshape(-1, 2, 2)[..., 0], edges.reshape(-1, 2, 2)[..., 1])
+        ends = grid.spec.centres_of(edges.reshape(-1, 2, 2)[..., 0], edges.reshape(-1, 2, 2)[..., 1])
         palette = np.array([class_color(name) for name in grid.labels], np.uint8)
         self._stream.log(
             "/map/edges",

@@ -35,7 +35,6 @@ from simaps_viz.recorder.map_log import (
     CameraLog,
     MapLog,
     Merging,
-    cell_centres,
     markdown,
     markdown_table,
     merge_order,
@@ -134,7 +133,7 @@ class _Places:
     def __init__(self, grid: Grid, community: NDArray) -> None:
         rows, cols = np.nonzero(community)
         of_cell = community[rows, cols]
-        xy = cell_centres(grid.spec, rows, cols)
+        xy = grid.spec.centres_of(rows, cols)
         size = int(community.max(initial=0)) + 1
         self._cells = np.bincount(of_cell, minlength=size)
         self._sums = np.stack([np.bincount(of_cell, weights=xy[:, axis], minlength=size) for axis in (0, 1)], axis=-1)

@@ -13,7 +13,7 @@ from simaps_viz.colors.classes import class_color
 from simaps_viz.io.files import check_output, replacing
 from simaps_viz.mapping.in_space import VOXEL_M, has_voxels
 from simaps_viz.recorder.facts import finished_facts, send_facts
-from simaps_viz.recorder.map_log import MapLog, cell_centres, markdown_table, north_up, object_picture
+from simaps_viz.recorder.map_log import MapLog, markdown_table, north_up, object_picture
 from simaps_viz.recorder.recorder import extent_of, map_views
 from simaps_viz.recorder.settings import SMALL
 from simaps_viz.structures import SIMap
@@ -78,7 +78,7 @@ def _log_surface(under: Any, simap: SIMap) -> None:
         under.log("/world/surface", rr.Points3D(points.positions, colors=points.colors, radii=VOXEL_M / 2))
         return
     rows, cols = np.nonzero(~np.isnan(grid.height_m) & (simap.instance == 0))
-    points = np.concatenate([cell_centres(grid.spec, rows, cols), grid.height_m[rows, cols][:, None]], axis=1)
+    points = np.concatenate([grid.spec.centres_of(rows, cols), grid.height_m[rows, cols][:, None]], axis=1)
     palette = np.array([class_color(name) if i else (170, 175, 185) for i, name in enumerate(grid.labels)], np.uint8)
     under.log(
         "/world/surface", rr.Points3D(points, colors=palette[grid.label[rows, cols]], radii=grid.spec.cell_size_m / 3)

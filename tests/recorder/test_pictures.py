@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from simaps_viz.recorder.map_log import (
     CLASS_BASE,
     Merging,
-    cell_centres,
     height_entries,
     merge_order,
     object_picture,
@@ -66,7 +65,7 @@ def test_cells_lie_under_their_pixels(x0: float, y0: float, rows: int, cols: int
     marked[row, col] = 1
     v, u = np.argwhere(object_picture(marked))[0]
     left, top = picture_corner(spec)
-    expected = on_picture(cell_centres(spec, np.array(row), np.array(col)))
+    expected = on_picture(spec.centres_of(np.array(row), np.array(col)))
     assert np.allclose([left + (u + 0.5) * 0.05, top + (v + 0.5) * 0.05], expected, atol=1e-5)
 
 
