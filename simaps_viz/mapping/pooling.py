@@ -108,7 +108,7 @@ def join(parts: Sequence[PairSums], settings: PoolSettings) -> tuple[NDArray, ND
 
 def join_parts(
     n: int, low: NDArray, high: NDArray, same: NDArray, different: NDArray, touching: NDArray, settings: PoolSettings,
-    *, kept: int = 0,
+    *, kept: int = 0, above: float = 0.0,
 ) -> tuple[NDArray, NDArray, NDArray]:  # fmt: skip
     """Join communities, whatever they consist of, like `join`.
 
@@ -121,8 +121,10 @@ def join_parts(
         touching: bool [m].
         settings: what is believed before any evidence.
         kept: the first so many are never joined to each other.
+        above: no further step is made once the best affinity is not above this.
     """
-    return _join(n, low, high, same, different, touching, settings.imagined_pairs, settings.touching_same, kept)
+    m, p = settings.imagined_pairs, settings.touching_same
+    return _join(n, low, high, same, different, touching, m, p, kept, np.float32(above))
 
 
 @njit(cache=True, nogil=True)
@@ -281,6 +283,7 @@ def _join(  # noqa: PLR0915 - one loop over shared arrays
     m: float,
     p: float,
     kept: int,
+    above: np.float32,
 ) -> tuple[NDArray, NDArray, NDArray]:
     """Join the two communities of the best edge until none is left; see `join_parts`."""
     head, following = _edge_lists(n, low, high)
@@ -293,7 +296,7 @@ def _join(  # noqa: PLR0915 - one loop over shared arrays
     target = np.zeros(n, dtype=np.int32)
     affinity = np.zeros(n, dtype=np.float32)
     steps = 0
-    while size > 0:
+    while size > 0 and np.float32(score[0]) > above:
         # The best edge is the next step: b becomes part of a.
         best = heap[0]
         a, b = low[best], high[best]

@@ -160,6 +160,27 @@ def see_cells(  # noqa: C901 - one loop over shared arrays
     return n, low_row, low_col, high_row, high_col
 
 
+@njit(cache=True, nogil=True, inline="always")
+def count_bits(steps):  # uint64 -> int
+    """Return how many bits are set: sums of neighbouring bits, then of pairs, then of fours, then of all bytes."""
+    steps = steps - ((steps >> np.uint64(1)) & np.uint64(0x5555555555555555))
+    steps = (steps & np.uint64(0x3333333333333333)) + ((steps >> np.uint64(2)) & np.uint64(0x3333333333333333))
+    steps = (steps + (steps >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
+    return np.int64((steps * np.uint64(0x0101010101010101)) >> np.uint64(56))
+
+
+@njit(cache=True, nogil=True, inline="always")
+def lowest_run(steps):  # uint64 -> uint64
+    """Return the lowest bits without a gap: adding one to them clears them all."""
+    return steps & ~(steps + (steps & (~steps + np.uint64(1))))
+
+
+@njit(cache=True, nogil=True, inline="always")
+def below_lowest(steps):  # uint64 -> uint64
+    """Return all bits below the lowest that is set."""
+    return (steps & (~steps + np.uint64(1))) - np.uint64(1)
+
+
 @njit(cache=True, nogil=True)
 def runs_of_columns(
     lowest_step: int,
@@ -173,15 +194,11 @@ def runs_of_columns(
     Returns:
         place in ``head`` int32, ascending; segment int32; first and last step int8.
     """
-    one = np.uint64(1)
     size = 0
     for i in range(len(head)):
         column = head[i]
         while column >= 0:
-            starts = steps[column] & ~(steps[column] << one)
-            while starts:
-                starts &= starts - one
-                size += 1
+            size += count_bits(steps[column] & ~(steps[column] << np.uint64(1)))
             column = following[column]
     place, of_segment = np.zeros(size, np.int32), np.zeros(size, np.int32)
     low, high = np.zeros(size, np.int8), np.zeros(size, np.int8)
@@ -189,16 +206,11 @@ def runs_of_columns(
     for i in range(len(head)):
         column = head[i]
         while column >= 0:
-            left, k = steps[column], lowest_step
+            left = steps[column]
             while left:
-                while not left & one:
-                    left >>= one
-                    k += 1
-                place[n], of_segment[n], low[n] = i, segment[column], k
-                while left & one:
-                    left >>= one
-                    k += 1
-                high[n] = k - 1
+                run, first = lowest_run(left), lowest_step + count_bits(below_lowest(left))
+                place[n], of_segment[n], low[n], high[n] = i, segment[column], first, first + count_bits(run) - 1
+                left &= ~run
                 n += 1
             column = following[column]
     return place, of_segment, low, high

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from simaps_viz.mapping.communities import MIN_PAIR_AFFINITY, communities_of_pairs
 from simaps_viz.mapping.in_space import least_sizes
 from simaps_viz.mapping.pooling import PoolSettings, join_parts
-from simaps_viz.mapping.projection import ON_A_STEP, STEPS_PER_M, first_step
+from simaps_viz.mapping.projection import ON_A_STEP, STEPS_PER_M, below_lowest, count_bits, first_step, lowest_run
 from simaps_viz.mapping.steps import FrameList
 from simaps_viz.mapping.surface import STEP_M, Surface
 from simaps_viz.structures import Grid, GridSpec, Instance, SIMap
@@ -38,6 +38,8 @@ _REMNANT = 20
 """Groups of fewer nodes join what they touch by the belief of the map, `PoolSettings.touching_same`."""
 _MIN_FRAMES = 2
 _FLUSH = 1 << 20
+_LOW = 0xFFFFFFFF
+"""The second number of a key."""
 
 Point3 = tuple[float, float, float]
 Box3 = tuple[Point3, Point3]
@@ -248,15 +250,6 @@ def _gather(
     return size, len(cell)
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _count_bits(steps):  # uint64 -> int
-    """Return how many bits are set: sums of neighbouring bits, then of pairs, then of fours, then of all bytes."""
-    steps = steps - ((steps >> np.uint64(1)) & np.uint64(0x5555555555555555))
-    steps = (steps & np.uint64(0x3333333333333333)) + ((steps >> np.uint64(2)) & np.uint64(0x3333333333333333))
-    steps = (steps + (steps >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
-    return np.int64((steps * np.uint64(0x0101010101010101)) >> np.uint64(56))
-
-
 @njit(cache=True, nogil=True)
 def _contested(
     following: NDArray,  # int32 [entries]
@@ -293,7 +286,7 @@ def _contested(
                 slot[at] = n
                 if fill:
                     shared_of[n] = shared & steps[at]
-                    start[n + 1] = start[n] + _count_bits(shared_of[n])
+                    start[n + 1] = start[n] + count_bits(shared_of[n])
                 n += 1
                 at = following[at]
                 if at == 0:
@@ -315,8 +308,7 @@ def _count(
     start: NDArray,  # int64 [contested + 1]
     votes: NDArray,  # in/out uint16 [shared steps]
 ) -> None:
-    """Count the votes of one frame."""
-    one = np.uint64(1)
+    """Count the votes of one frame; the shared steps of a run follow each other."""
     for i in range(len(cell)):
         at = cell[i]
         if slot[at] < 0:
@@ -324,13 +316,11 @@ def _count(
         while label[at] != label_of[i]:
             at = following[at]
         shared = shared_of[slot[at]]
-        left = shared & _mask(low[i], high[i], lowest)
-        while left:
-            below = (left & (~left + one)) - one
-            k = start[slot[at]] + _count_bits(shared & below)
+        of_run = shared & _mask(low[i], high[i], lowest)
+        first = start[slot[at]] + count_bits(shared & below_lowest(of_run))
+        for k in range(first, first + count_bits(of_run)):
             if votes[k] < _MOST_VOTES:
                 votes[k] += 1
-            left &= left - one
 
 
 @njit(cache=True, nogil=True)
@@ -363,7 +353,7 @@ def _elect(  # noqa: C901 - one loop over shared arrays
             while True:
                 row = slot[at]
                 if shared_of[row] & bit:
-                    votes_here = votes[start[row] + _count_bits(shared_of[row] & (bit - one))] * weight[label[at]]
+                    votes_here = votes[start[row] + count_bits(shared_of[row] & (bit - one))] * weight[label[at]]
                     if best < 0 or votes_here > heaviest:
                         best, heaviest = at, votes_here
                 at = following[at]
@@ -387,7 +377,6 @@ def _cut(
     thing: NDArray,  # bool [labels], what is cut at gaps
 ) -> tuple[NDArray, NDArray, NDArray]:
     """Return the nodes: cell int32, ascending, class int16, steps uint64."""
-    one = np.uint64(1)
     n = 0
     for fill in range(2):
         if fill:
@@ -398,9 +387,7 @@ def _cut(
             while True:
                 left = steps[at]
                 while left:
-                    part = left
-                    if thing[label[at]]:  # the lowest steps without a gap: adding one to them clears them all
-                        part = left & ~(left + (left & (~left + one)))
+                    part = lowest_run(left) if thing[label[at]] else left
                     left &= ~part
                     if fill:
                         of_cell[n], of_label[n], of_steps[n] = c, label[at], part
@@ -464,27 +451,18 @@ def _as_runs(
     lowest: int,
 ) -> tuple[NDArray, NDArray, NDArray, NDArray]:
     """Cut nodes into runs without a gap: cell int32, low int8, high int8 and owner int32 of each."""
-    one = np.uint64(1)
     size = 0
     for i in range(len(cell)):
-        starts = steps[i] & ~(steps[i] << one)
-        while starts:
-            starts &= starts - one
-            size += 1
+        size += count_bits(steps[i] & ~(steps[i] << np.uint64(1)))
     of_cell, of_owner = np.zeros(size, np.int32), np.zeros(size, np.int32)
     low, high = np.zeros(size, np.int8), np.zeros(size, np.int8)
     n = 0
     for i in range(len(cell)):
-        left, k = steps[i], lowest
+        left = steps[i]
         while left:
-            while not left & one:
-                left >>= one
-                k += 1
-            of_cell[n], of_owner[n], low[n] = cell[i], owner[i], k
-            while left & one:
-                left >>= one
-                k += 1
-            high[n] = k - 1
+            run, first = lowest_run(left), lowest + count_bits(below_lowest(left))
+            of_cell[n], of_owner[n], low[n], high[n] = cell[i], owner[i], first, first + count_bits(run) - 1
+            left &= ~run
             n += 1
     return of_cell, low, high, of_owner
 
@@ -524,8 +502,8 @@ class _Groups:
     """int32 [lower], the object of the map that the group is tied to, 0 = none."""
     lower: NDArray
     """int64 [lower], the nodes."""
-    seen_in: NDArray
-    """int64 [s, 2], group and frame: which frames saw the groups that are tied to nothing."""
+    frames: NDArray
+    """int64 [groups], how many frames saw it."""
     score: NDArray
     """float64 [groups], mean confidence of the segments that named it."""
 
@@ -575,14 +553,14 @@ class _Partition:
         units = tops + int(community.max(initial=-1)) + 1
         nodes_of = np.bincount(unit, minlength=units)
         pooled, seen_in, named = self._pooled(seen, sight, unit, tops, nodes_of)
-        touching = np.unique(np.stack([unit[self.lower[first[touches]]], unit[other[touches]]], axis=1), axis=0)
+        touching = np.stack([unit[self.lower[first[touches]]], unit[other[touches]]], axis=1)
         # 3. Join them, best first.
         root = _join(units, tops, pooled, touching, nodes_of, settings)
         group = root[unit[self.lower]]
         instance = np.where(group < tops, objects[1:][np.minimum(group, max(tops - 1, 0))] if tops else 0, 0)
         score = np.bincount(root, named[0], units) / np.maximum(np.bincount(root, named[1], units), 1e-9)
-        seen_in[:, 0] = root[seen_in[:, 0]]
-        return _Groups(group, instance.astype(np.int32), self.lower, np.unique(seen_in, axis=0), score)
+        frames = np.bincount(np.unique(root[seen_in >> 32] << 32 | seen_in & _LOW) >> 32, minlength=units)
+        return _Groups(group, instance.astype(np.int32), self.lower, frames, score)
 
     def _pooled(
         self, seen: _Seen, sight: "_Sight", unit: NDArray, tops: int, nodes_of: NDArray
@@ -590,8 +568,8 @@ class _Partition:
         """Sum up the evidence on every two parts.
 
         Returns:
-            float64 [p, 4]: part, part, same, different; int64 [s, 2]: lower part and frame that saw it; and of each
-            part the confidence of segments and the nodes they named, float64 [units].
+            float64 [p, 4]: part, part, same, different; int64 [s], a lower part, shifted by 32 bits, and a frame that
+            saw it; and of each part the confidence of segments and the nodes they named, float64 [units].
         """
         sums, waiting, seen_in = np.zeros((0, 4)), [], []
         named = np.zeros(len(nodes_of)), np.zeros(len(nodes_of))
@@ -601,14 +579,13 @@ class _Partition:
             of_unit, of_segment = unit[at], sight.segment[at]
             _add_scores(of_unit, of_segment, score, *named)
             parts, pairs = _pairs(of_unit, of_segment, self.nodes.label[at], nodes_of, tops)
-            seen_in.append(parts[parts >= tops].astype(np.int64))
+            seen_in.append(parts[parts >= tops].astype(np.int64) << 32 | frame)
             waiting.append(pairs)
             size += len(pairs)
             if size > _FLUSH:
-                sums, waiting, size = _summed(sums, waiting), [], 0
-        frames = np.repeat(np.arange(len(seen_in)), [len(one) for one in seen_in])
-        both = np.stack([np.concatenate([np.zeros(0, np.int64), *seen_in]), frames], axis=1)
-        return _summed(sums, waiting), both, named
+                sums, waiting, size = _summed(np.concatenate([sums, *waiting]), len(nodes_of)), [], 0
+        rows = _summed(np.concatenate([sums, *waiting]), len(nodes_of))
+        return rows, np.concatenate([np.zeros(0, np.int64), *seen_in]), named
 
 
 class _Sight:
@@ -660,7 +637,7 @@ def _look(
             both = steps[node] & mask
             if label[node] != label_of[i] or both == 0:
                 continue
-            count = _count_bits(both)
+            count = count_bits(both)
             if frame[node] != number:
                 frame[node] = number
                 if n == len(found):
@@ -823,16 +800,34 @@ def _pairs(
     return part[:parts], found[:n]
 
 
-def _summed(sums: NDArray, waiting: list[NDArray]) -> NDArray:
-    """Add up rows (part, part, same, different) of the same two parts."""
-    rows = np.concatenate([sums, *waiting])
-    keys = _pair_keys(rows)
-    order = np.argsort(keys, kind="stable")  # the rows of each frame ascend, which it makes use of
-    first = np.diff(keys[order], prepend=-1) != 0
-    at = np.zeros(len(keys), np.int64)
-    at[order], keys = np.cumsum(first) - 1, keys[order[first]]
-    columns = [np.bincount(at, rows[:, k], len(keys)) for k in (2, 3)]
-    return np.stack([(keys >> 32).astype(np.float64), (keys & 0xFFFFFFFF).astype(np.float64), *columns], axis=1)
+@njit(cache=True, nogil=True)
+def _summed(
+    rows: NDArray,  # float64 [n, 4]: part, part, same, different
+    parts: int,
+) -> NDArray:
+    """Add up the rows of the same two parts; the sums ascend by parts, float64 [p, 4]."""
+    # Count, by the second part and then by the first, where the rows of each begin: they need not be compared.
+    order = np.arange(len(rows))
+    for column in (1, 0):
+        start = np.zeros(parts + 1, np.int64)
+        for i in range(len(rows)):
+            start[np.int64(rows[i, column]) + 1] += 1
+        start, before = np.cumsum(start), order
+        order = np.empty(len(rows), np.int64)
+        for i in before:
+            part = np.int64(rows[i, column])
+            order[start[part]] = i
+            start[part] += 1
+    found = np.empty((len(rows), 4))
+    n = 0
+    for i in order:
+        if n > 0 and found[n - 1, 0] == rows[i, 0] and found[n - 1, 1] == rows[i, 1]:
+            found[n - 1, 2] += rows[i, 2]
+            found[n - 1, 3] += rows[i, 3]
+        else:
+            found[n] = rows[i]
+            n += 1
+    return found[:n].copy()
 
 
 def _join(
@@ -843,9 +838,9 @@ def _join(
     Returns:
         int64 [units]: a part that each was joined with; objects of the map keep their number.
     """
-    touching = np.sort(touching, axis=1).astype(np.float64)
-    rows = _summed(pooled, [np.concatenate([touching, np.zeros_like(touching)], axis=1)])
-    near = np.isin(_pair_keys(rows), _pair_keys(touching))
+    touching = _summed(np.pad(np.sort(touching, axis=1).astype(np.float64), ((0, 0), (0, 2))), units)
+    rows = _summed(np.concatenate([pooled, touching]), units)
+    near = _among(rows, touching)
     parent = _joined(units, tops, rows, near, settings, min(settings.pooling.touching_same, _TOUCHING_BELOW))
     group = _with_most_evidence(parent, tops, rows, settings.affinity)
     # What is too small to be believed an object by itself belongs to what it touches, as on the map. Numbers that come
@@ -856,9 +851,9 @@ def _join(
     new = np.zeros(units, np.int64)
     new[numbers] = np.arange(len(numbers))
     rows[:, :2] = np.sort(new[group[rows[:, :2].astype(np.int64)]], axis=1)
-    near = _pair_keys(rows[near])
-    rows = _summed(rows, [])
-    near = np.isin(_pair_keys(rows), near)
+    touching = rows[near]
+    rows = _summed(rows, len(numbers))
+    near = _among(rows, touching)
     parent = _joined(len(numbers), int(alone.sum()), rows, near, settings, settings.pooling.touching_same)
     return numbers[parent[new[group]]]
 
@@ -869,14 +864,12 @@ def _joined(
     """Join parts, best affinity first, of which the first so many stay apart; return the smallest of each group."""
     low, high = rows[:, 0].astype(np.int32), rows[:, 1].astype(np.int32)
     two = low != high
-    source, target, score = join_parts(
+    source, target, _ = join_parts(
         units, low[two], high[two], rows[two, 2], rows[two, 3], near[two],
-        replace(settings.pooling, touching_same=touching_same), kept=kept,
+        replace(settings.pooling, touching_same=touching_same), kept=kept, above=settings.affinity,
     )  # fmt: skip
-    stop = np.flatnonzero(score <= np.float32(settings.affinity))
-    steps = int(stop[0]) if len(stop) else len(score)
     parent = np.arange(units)
-    parent[source[:steps]] = target[:steps]
+    parent[source] = target
     for unit in range(units):  # a part is joined to smaller ones only
         parent[unit] = parent[parent[unit]]
     return parent
@@ -900,8 +893,12 @@ def _with_most_evidence(parent: NDArray, tops: int, rows: NDArray, least: float)
     return np.where(np.arange(len(parent)) < tops, parent, owner[parent])
 
 
-def _pair_keys(rows: NDArray) -> NDArray:
-    return (rows[:, 0].astype(np.int64) << 32) | rows[:, 1].astype(np.int64)
+def _among(rows: NDArray, others: NDArray) -> NDArray:
+    """Return which rows, which ascend, are of the same two parts as one of the others; each of these is there."""
+    keys, others = ((of[:, 0].astype(np.int64) << 32) | of[:, 1].astype(np.int64) for of in (rows, others))
+    found = np.zeros(len(keys), np.bool_)
+    found[np.searchsorted(keys, others)] = True
+    return found
 
 
 def _hidden(
@@ -924,7 +921,6 @@ def _hidden(
     free = np.flatnonzero(groups.instance == 0)
     cell, label, steps = nodes.cell[lower[free]], nodes.label[lower[free]], nodes.steps[lower[free]]
     numbers, at = np.unique(groups.group[free], return_inverse=True)
-    frames = np.bincount(groups.seen_in[:, 0], minlength=len(groups.score))
     order = np.argsort(at, kind="stable")
     # Voxels of each group, and those it needs beside what else there is of its class.
     owner = top.copy()
@@ -936,14 +932,14 @@ def _hidden(
     for members in np.split(order, np.cumsum(np.bincount(at))[:-1]) if len(numbers) else ():
         cells = np.unique(cell[members])
         group = int(numbers[at[members[0]]])
-        if len(cells) < settings.min_cells or (frames[group] < _MIN_FRAMES and not settings.exact):
+        if len(cells) < settings.min_cells or (groups.frames[group] < _MIN_FRAMES and not settings.exact):
             continue
         run = _as_runs(cell[members], steps[members], np.zeros(len(members), np.int32), lowest)
         name = grid.labels[label[members[0]]]
         found.append((name, int(cells[0]), group, _described(grid.spec, cells, run[:3])))
     found.sort(key=lambda one: one[:3])
     return [
-        (Instance(first_id + k, name, cells, middle, box, int(frames[group]), float(groups.score[group])), group)
+        (Instance(first_id + k, name, cells, middle, box, int(groups.frames[group]), float(groups.score[group])), group)
         for k, (name, _, group, (cells, middle, box)) in enumerate(found)
         if first_id + group not in small
     ]

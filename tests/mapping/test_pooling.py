@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from simaps_viz.mapping.pooling import PoolSettings, join, sum_pairs
+from simaps_viz.mapping.pooling import PoolSettings, join, join_parts, sum_pairs
 
 pytestmark = pytest.mark.slow
 
@@ -65,6 +65,15 @@ def test_steps_are_the_twins_ties_included(case: Case, belief):
 @settings(max_examples=200, deadline=None)
 def test_steps_are_the_twins_where_nearly_all_is_tied(case: Case, belief):
     assert steps_of(pool(*case, belief)) == rounded(plain_pool(*case, belief))
+
+
+@given(evidence(), st.sampled_from([0.2, 0.5, 0.6, 0.9]))
+@settings(max_examples=200, deadline=None)
+def test_no_step_is_made_once_the_best_affinity_is_too_low(case: Case, above):
+    every, sums = steps_of(pool(*case, PoolSettings())), sum_pairs(*case)
+    low = next((at for at, step in enumerate(every) if step[2] <= np.float32(above)), len(every))
+    parts = sums.communities, sums.low, sums.high, sums.same, sums.different, sums.touching
+    assert steps_of(join_parts(*parts, PoolSettings(), above=above)) == every[:low]
 
 
 @given(st.lists(evidence(), max_size=4), believes)
