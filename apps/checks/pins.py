@@ -135,9 +135,7 @@ def pins_of(sequence: Path, folder: Path, *, maps_only: bool) -> dict[str, Any]:
     pinned["export"] = {}
     for file, format in EXPORTS.items():
         written = simaps(["export", the_map, "-o", file, "--format", format, "--json"], folder)[0]
-        pinned["export"][format] = {
-            Path(one).name: export_digest(folder / one) for one in written["files"]
-        }
+        pinned["export"][format] = {Path(one).name: export_digest(folder / one) for one in written["files"]}
     pinned["share"] = shape_of(simaps(["share", the_map, "-o", "map.html", "--json"], folder)[0])
     pinned["convert"] = shape_of(simaps(["convert", str(sequence), "-o", "copy", "--every", "50", "--json"], folder)[0])
     pinned["mend"] = shape_of(simaps(["mend", the_map, "delete 1", "undo", "--json"], folder)[0])
