@@ -24,6 +24,7 @@ from playwright.sync_api import expect
 from toy_maps import TOY_POSE, toy_map
 
 from simaps_viz.drawing.texture import MapPicture
+from simaps_viz.viewer.panels.command import CommandPanel
 from simaps_viz.viewer.panels.map import MapPanel
 from simaps_viz.viewer.scene.annotations import Label, label_of
 from simaps_viz.viewer.scene.camera import SLANT
@@ -347,6 +348,41 @@ def test_one_finger_moves_the_map_two_come_closer_and_a_tap_selects(bench, touch
     fingers("touchStart", place_on(page, simap, *CHAIR))
     fingers("touchEnd")
     until(page, lambda: mine(bench).selected == simap.at(*CHAIR).id)
+
+
+@pytest.mark.parametrize("by", ["mouse", "finger"])
+def test_a_press_on_a_name_selects_what_is_named_and_not_what_lies_under_it(bench, touched, by):
+    page, fingers = touched
+    couch, session = bench.simap.of_class("couch")[0], mine(bench)
+    session.scene.show_candidates([label_of("Here", couch)])  # beside it
+    name = page.locator(".simaps-text", has_text="Here")
+    box = name.bounding_box()
+    place = box["x"] + 4, box["y"] + box["height"] / 2
+
+    def press():
+        if by == "mouse":
+            page.mouse.click(*place)
+        else:
+            fingers("touchStart", place)
+            fingers("touchEnd")
+
+    if by == "mouse":
+        page.mouse.move(*place)
+        expect(page.locator(".simaps-hint")).to_contain_text(couch.name)  # it says so before
+    press()
+    until(page, lambda: session.selected == couch.id)
+    page.wait_for_timeout(500)
+    assert session.selected == couch.id  # and the click went nowhere else
+    # Who sets the start pose means the place, name or not.
+    session.select(None)
+    panel = session.panels[CommandPanel]
+    panel._placing = placing = []
+    name.wait_for()
+    press()
+    until(page, lambda: placing)
+    assert place_on(page, bench.simap, *placing[0]) == pytest.approx(place, abs=4)
+    assert session.selected is None
+    panel._placing = None
 
 
 def test_a_finger_that_scrolls_over_a_slider_leaves_it_and_one_on_its_thumb_drags_it(bench, touched):

@@ -247,6 +247,13 @@ class Page:
         else:  # no cell shows it
             self.pick_in_space(place_of(self.simap, instance_id))
 
+    def click_name(self, instance_id: int, position: tuple[float, float]) -> None:
+        """Select the object whose name was clicked; a panel that waits for a place gets that below the name."""
+        shown = not self.panels.wait_for_place() and (self.simap.instance == instance_id).any()
+        place = position_inside(self.simap, instance_id) if shown else position
+        if not self.panels.take_click(*place):
+            self.select(instance_id)
+
     def pick(self, position: tuple[float, float] | None) -> None:
         """Select what is at a position of the map; the position is kept, so that it outlives a map that is cut anew."""
         with self._lock:

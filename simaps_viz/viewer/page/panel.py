@@ -112,6 +112,10 @@ class Panel:
         """Whether the next click on the map is for this panel."""
         return False
 
+    def waits_for_place(self) -> bool:
+        """Whether that click is one on a place, not on an object."""
+        return False
+
     def take_click(self, x_m: float, y_m: float) -> bool:
         """Use a click on the map, if this panel waits for one; False passes it on."""
         return False
@@ -224,6 +228,10 @@ class Panels:
     def wait_for_click(self) -> bool:
         """Whether a panel waits for a click on the map."""
         return any(panel.waits_for_click() for panel in self._panels)
+
+    def wait_for_place(self) -> bool:
+        """Whether a panel waits for a click on a place."""
+        return any(panel.waits_for_place() for panel in self._panels)
 
     def states(self) -> dict[str, Any]:
         """Return the state of each panel, by its title and class."""

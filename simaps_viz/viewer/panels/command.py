@@ -521,6 +521,8 @@ class CommandPanel(Panel):
         """Whether a click for the start pose is expected."""
         return self._placing is not None
 
+    waits_for_place = waits_for_click
+
     def take_click(self, x_m: float, y_m: float) -> bool:
         """Use a click for the start pose; False if no click is expected."""
         placing = self._placing

@@ -19,7 +19,7 @@ from simaps_viz.colors.classes import plural
 from simaps_viz.drawing.legend import counts_text, legend_html, title_of
 from simaps_viz.drawing.texture import TINT, ColorMode, cell_colors, color_modes
 from simaps_viz.drawing.theme import BADGE_STYLE
-from simaps_viz.mapping.in_space import has_voxels
+from simaps_viz.mapping.in_space import all_instances, has_voxels
 from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.simap import slider_of
 from simaps_viz.structures import Instance, Room, SIMap
@@ -449,6 +449,8 @@ def joins(simap: SIMap) -> bool:
 
 MAX_SIDE = 1024
 """Cells of the picture of ids a side; of a larger map every second cell is sent, or every third."""
+MAX_AWAY_M = 1e6
+"""What is told to be farther away is nowhere."""
 MAX_NAMED = 3000
 """Objects that the page names: the largest."""
 
@@ -484,11 +486,16 @@ class NamesPanel(Panel):
         self._show_state()
 
     def told(self, event: dict[str, Any]) -> None:
-        """Turn the view to the north, and back to the whole map; or select nothing."""
+        """Turn the view to the north, and back to the whole map; select nothing, or that whose name was clicked."""
         if event.get("type") == "north":
             self._page.look(self._page.viewpoints.name)
         elif event.get("type") == "deselect":
             self._page.select(None)
+        elif event.get("type") == "named":
+            number, place = event.get("id"), (event.get("x"), event.get("y"))
+            sound = all(isinstance(at, int | float) and abs(at) < MAX_AWAY_M for at in place)
+            if sound and any(one.id == number for one in all_instances(self._page.simap)):
+                self._page.click_name(cast(int, number), cast(tuple[float, float], place))
 
     def _show_state(self) -> None:
         page, only, faded = self._page, None, ()

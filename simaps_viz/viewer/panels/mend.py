@@ -208,6 +208,10 @@ class MendPanel(Panel):
         """Whether a join or a cut waits for one."""
         return self.waiting is not None
 
+    def waits_for_place(self) -> bool:
+        """Whether a cut waits for the next point of its line."""
+        return self.waiting == "cut"
+
     def take_click(self, x_m: float, y_m: float) -> bool:
         """Use a click that a join or a cut waits for."""
         if self.waiting is None:

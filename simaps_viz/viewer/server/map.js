@@ -150,7 +150,7 @@
     return [Math.floor((x - map.xmin) / map.cell), Math.floor((y - map.ymin) / map.cell)];
   };
 
-  const GAP = 3, LINE = 16;
+  const GAP = 3, LINE = 16, CLICK_PX = 3;
   const measure = make('canvas', '').getContext('2d');
   const widths = new Map();
   const widthOf = (text) => {
@@ -160,11 +160,16 @@
     }
     return widths.get(text);
   };
-  const spans = [];
+  const spans = [], written = [];
   let count = 0;
-  const place = (text, x, y, kind) => {
+  const named = (x, y) => {  // the id of the object whose name is there
+    const found = written.slice(0, count).find(([box, id]) => id && covers(box, [x, y, x, y]));
+    return found ? found[1] : 0;
+  };
+  const place = (text, box, id, kind) => {
+    const [x, y] = [(box[0] + box[2]) / 2, (box[1] + box[3]) / 2];
     const span = spans[count] || (spans[count] = make('span', '', names));
-    count++;
+    written[count++] = [box, id];
     if (span.textContent !== text) span.textContent = text;
     span.className = kind;
     span.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px) translate(-50%, -50%)`;
@@ -177,8 +182,8 @@
   const AT = [0, -1, 1, -2, 2, -3, 3];
   // What the page was sent: beside what it names, not over it, and whole where there is room; the first is always there.
   const writeTexts = (taken, under) => {
-    const flat = state.view === TOP, things = [], written = [], isMeant = texts.some(([kind]) => kind === 'command');
-    for (const [kind, text, x, y, reachX, reachY, awayX, awayY, z, reachZ] of texts) {
+    const flat = state.view === TOP, things = [], said = [], isMeant = texts.some(([kind]) => kind === 'command');
+    for (const [kind, text, x, y, reachX, reachY, awayX, awayY, z, reachZ, id] of texts) {
       const corners = [];
       for (const i of [-1, 1]) for (const j of [-1, 1]) for (const k of flat ? [0] : [-1, 1])
         corners.push(seenAt(x + i * reachX, y + j * reachY, flat ? 0 : z + k * reachZ));
@@ -188,9 +193,9 @@
       if (reachX || reachY) things.push(thing);
       if (!text || (kind === 'selection' && under && under.id === state.selected) || (kind === 'why' && isMeant)) continue;
       const away = awayX || awayY ? seenAt(x + awayX, y + awayY, flat ? 0 : z) : null;
-      written.push({ kind, text, thing, away, isPoint: !reachX && !reachY && !away });
+      said.push({ kind, text, id, thing, away, isPoint: !reachX && !reachY && !away });
     }
-    for (const { kind, text, thing, away, isPoint } of written) {
+    for (const { kind, text, id, thing, away, isPoint } of said) {
       const [x, y] = [(thing[0] + thing[2]) / 2, (thing[1] + thing[3]) / 2], half = widthOf(text) / 2 + 7, high = LINE / 2 + 1;
       const [outX, outY] = [(thing[2] - thing[0]) / 2 + GAP + half, (thing[3] - thing[1]) / 2 + GAP + high];
       const rank = ([i, j]) => (away ? i * (away[0] - x) + j * (away[1] - y) : 0);
@@ -203,15 +208,15 @@
       if (!box) continue;
       taken.push(box);
       const look = { selection: 'simaps-chosen', rooms: 'simaps-room' }[kind] || (text.startsWith('▶') ? 'simaps-meant' : 'simaps-other');
-      place(text, (box[0] + box[2]) / 2, (box[1] + box[3]) / 2, `simaps-text ${look}`);
+      place(text, box, id, `simaps-text ${look}`);
     }
   };
   // Large objects first; a name is left out where it would cover another, or be far larger than its object.
   const writeNames = (taken, look) => {
     const [left, top] = at(toScreen, 0, 0), [right, bottom] = at(toScreen, map.cell, map.cell);
-    const px = Math.hypot(right - left, bottom - top) / Math.SQRT2, named = new Set(texts.map((one) => one[1] && one[10]));
+    const px = Math.hypot(right - left, bottom - top) / Math.SQRT2, texted = new Set(texts.map((one) => one[1] && one[10]));
     for (const one of map.shown) {
-      if (one.id === state.selected || !shows(one.label) || named.has(one.id)) continue;
+      if (one.id === state.selected || !shows(one.label) || texted.has(one.id)) continue;
       const wide = (one.east - one.west) * px, high = (one.north - one.south) * px;
       if (high < 13 || wide < 13) continue;
       const text = [one.name, one.label].find((words) => widthOf(words) <= 1.6 * wide);
@@ -220,7 +225,7 @@
       const box = [x - half, y - LINE / 2, x + half, y + LINE / 2];
       if (!isWhole(box) || !isFree(box, taken)) continue;
       taken.push(box);
-      place(text, x, y, look);
+      place(text, box, one.id, look);
     }
   };
 
@@ -325,11 +330,11 @@
     if (drawing.width !== w || drawing.height !== h) { drawing.width = w; drawing.height = h; }
     else context.clearRect(0, 0, w, h);
     drawn = false;
-    let under = null, near = false;
+    let under = null, near = false, name = 0;
     if (map && pointer && !pressed) {
       const box = canvas.getBoundingClientRect(), [x, y] = [pointer[0] - box.left, pointer[1] - box.top];
-      const [col, row] = cellAt(toScreen, x, y);
-      under = map.objects.get(aimedAt(col, row));
+      name = named(x, y);
+      under = map.objects.get(name || aimedAt(...cellAt(toScreen, x, y)));
       const robot = robotAt();
       near = robot && Math.hypot(robot[0] - x, robot[1] - y) < ROBOT_PX;
       if (near) under = null;
@@ -340,7 +345,7 @@
       }
     }
     hint.hidden = !under && !near;
-    writeAll(plain ? 'simaps-name' : 'simaps-name simaps-pale', under);
+    writeAll(plain ? 'simaps-name' : 'simaps-name simaps-pale', name ? null : under);
     if (map && texts.some(([, text]) => text.startsWith('▶'))) {  // the ranks of others; the map itself outlines the target
       for (const [kind, text, ...label] of texts) {
         const one = kind === 'command' && !text.startsWith('▶') && map.objects.get(label[8]);
@@ -420,6 +425,20 @@
     controls.dollyTo(controls.distance / closer, false);
   };
   for (const kind of ['pointerdown', 'pointermove', 'pointerup', 'pointercancel']) window.addEventListener(kind, touch, true);
+  // A click on a name is one on the object that has it; the scene would take what lies below the name.
+  let down = null;
+  window.addEventListener('pointerdown', (event) => {
+    down = event.isPrimary && event.button === 0 && inCanvas(event) && toScreen ? [event.clientX, event.clientY] : null;
+  }, true);
+  window.addEventListener('pointerup', (event) => {
+    const [x, y] = down || [0, 0], viser = window.__viserMutable;
+    if (!down || Math.hypot(event.clientX - x, event.clientY - y) > CLICK_PX || covered(viser)) return;
+    const box = over.getBoundingClientRect(), id = named(x - box.left, y - box.top);
+    if (!id) return;
+    event.target.dispatchEvent(new PointerEvent('pointercancel', { pointerId: event.pointerId, pointerType: event.pointerType, bubbles: true }));
+    const place = floorAt(toScreen, x - box.left, y - box.top);
+    tell({ type: 'named', id, x: place[0], y: place[1] });
+  }, true);
   const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
   const TAKES_ARROWS = 'input, textarea, select, [contenteditable], [role=slider], [role=tab], [role=option], [role=dialog]';
   window.addEventListener('keydown', (event) => {  // to what was found next, or before
