@@ -5,7 +5,6 @@ import re
 import pytest
 from browser import (
     PATIENCE_S,
-    borrowed,
     field_of,
     mine,
     open_workbench,
@@ -36,15 +35,9 @@ def opened(browser):
 
 
 @pytest.fixture
-def bench(opened):
-    return opened[0]
-
-
-@pytest.fixture
-def page(opened):
-    with borrowed(*opened) as found:
-        open_tab(found)
-        yield found
+def page(page):
+    open_tab(page)
+    return page
 
 
 def open_tab(page):

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from browser import (
-    borrowed,
     field_of,
     mine,
     on_canvas,
@@ -35,17 +34,6 @@ def opened(browser):
     with toy_workbench() as bench, watched_page(browser, 1280, 1200) as page:
         open_workbench(page, bench)
         yield bench, page
-
-
-@pytest.fixture
-def bench(opened):
-    return opened[0]
-
-
-@pytest.fixture
-def page(opened):
-    with borrowed(*opened) as found:
-        yield found
 
 
 def click_map(bench, page, place):

@@ -1,7 +1,7 @@
 """Keys, the dark page and the colours of classes, in Debian's Chromium on the toy map."""
 
 import pytest
-from browser import borrowed, field_of, mine, open_workbench, toy_workbench, until, wait_for_color, watched_page
+from browser import field_of, mine, open_workbench, until, wait_for_color, watched_page
 from page_looks import CHAIR_1, select_chair_1
 from playwright.sync_api import expect
 from toy_maps import toy_map
@@ -14,24 +14,6 @@ from simaps_viz.viewer.panels.map import MapPanel
 
 OPEN_FLOOR = (3.0, -0.9)
 PAUSE_MS = 250
-
-
-@pytest.fixture(scope="module")
-def opened(browser):
-    with toy_workbench() as bench, watched_page(browser) as page:
-        open_workbench(page, bench)
-        yield bench, page
-
-
-@pytest.fixture
-def bench(opened):
-    return opened[0]
-
-
-@pytest.fixture
-def page(opened):
-    with borrowed(*opened) as found:
-        yield found
 
 
 def press(page, key):

@@ -9,7 +9,6 @@ import pytest
 from browser import (
     CLOSE_ALL,
     at_rest,
-    borrowed,
     free_port,
     mine,
     on_canvas,
@@ -49,15 +48,9 @@ def opened(browser):
 
 
 @pytest.fixture
-def bench(opened):
-    return opened[0]
-
-
-@pytest.fixture
-def page(opened):
-    with borrowed(*opened) as found:
-        expect(found.locator(".simaps-name:visible").first).to_be_visible()
-        yield found
+def page(page):
+    expect(page.locator(".simaps-name:visible").first).to_be_visible()
+    return page
 
 
 def names(page):

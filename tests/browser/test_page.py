@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from browser import (
     at_rest,
-    borrowed,
     field_of,
     mine,
     open_workbench,
@@ -110,17 +109,6 @@ def opened(browser, tmp_path_factory):
     with toy_workbench(toy_services(panels=panels)) as bench, watched_page(browser) as page:
         open_workbench(page, bench)
         yield bench, page
-
-
-@pytest.fixture
-def bench(opened):
-    return opened[0]
-
-
-@pytest.fixture
-def page(opened):
-    with borrowed(*opened) as found:
-        yield found
 
 
 def tab(page, name):

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from browser import (
-    borrowed,
     field_of,
     free_port,
     mine,
@@ -52,15 +51,9 @@ def opened(browser, made):
 
 
 @pytest.fixture
-def bench(opened):
-    return opened[0]
-
-
-@pytest.fixture
-def page(opened):
-    with borrowed(*opened) as found:
-        found.get_by_role("tab", name="Build", exact=True).click()
-        yield found
+def page(page):
+    page.get_by_role("tab", name="Build", exact=True).click()
+    return page
 
 
 def at_end(session) -> bool:

@@ -3,16 +3,12 @@
 import numpy as np
 import pytest
 from browser import (
-    borrowed,
     field_of,
     mine,
     on_canvas,
-    open_workbench,
     page_is_there,
-    toy_workbench,
     until,
     wait_for_color,
-    watched_page,
 )
 from playwright.sync_api import expect
 
@@ -22,24 +18,6 @@ from simaps_viz.drawing.texture import FLOOR, map_image
 CHAIR_1, CHAIR_3, TABLE = 1, 3, 6
 EAST_HALF_OF_CHAIR_1 = (1.375, 1.925)
 EMPTY = (3.0, -0.9)
-
-
-@pytest.fixture(scope="module")
-def opened(browser):
-    with toy_workbench() as bench, watched_page(browser) as page:
-        open_workbench(page, bench)
-        yield bench, page
-
-
-@pytest.fixture
-def bench(opened):
-    return opened[0]
-
-
-@pytest.fixture
-def page(opened):
-    with borrowed(*opened) as found:
-        yield found
 
 
 def tab(page, name):
