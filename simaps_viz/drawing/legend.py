@@ -7,11 +7,11 @@ from pathlib import PurePath
 import cv2
 import numpy as np
 
-from simaps_viz.colors.classes import CLUTTER, FLOOR, WALL, ground_kinds, plural
-from simaps_viz.colors.instances import class_colors, color_of_instance, instance_colors
+from simaps_viz.colors.classes import CLUTTER, FLOOR, WALL, cells_of_classes, ground_kinds, plural
+from simaps_viz.colors.instances import color_of_instance, instance_colors
 from simaps_viz.colors.naming import color_name
 from simaps_viz.colors.palette import PALETTE, Color, as_color
-from simaps_viz.drawing.texture import HEIGHT_TOP_M, ColorMode
+from simaps_viz.drawing.texture import HEIGHT_TOP_M, STRIPE, ColorMode, class_patterns, shown_class_colors
 from simaps_viz.drawing.theme import BOX_STYLE, DIM_STYLE, LIGHT, NESTED_EM, Theme, short, short_html
 from simaps_viz.mapping.changes import changes_in
 from simaps_viz.mapping.in_space import all_instances, has_voxels
@@ -127,6 +127,7 @@ def legend_html(
     *,
     buttons: bool = False,
     specks: Mapping[str, int] | None = None,
+    colored: bool = True,
 ) -> str:
     """Explain every colour of a mode.
 
@@ -136,6 +137,7 @@ def legend_html(
         theme: of the page.
         buttons: classes can be pressed, where the page's script hears it.
         specks: {class: specks of it}, counted apart.
+        colored: objects have their colours on the map; on a photo they hardly have.
     """
     specks = specks or {}
     if mode == "height":
@@ -144,7 +146,10 @@ def legend_html(
     if mode == "observations":
         most = int(simap.grid.observations.max(initial=0))
         return _box(f"{_bar('0', plural(most, 'frame'), 'frames that saw the cell, logarithmic')}{_unseen(theme)}")
-    rows = _class_rows(simap, buttons, specks) if mode == "class" else _instance_rows(simap, buttons, specks)
+    if mode == "class":
+        rows = _class_rows(simap, buttons, specks)
+    else:
+        rows = _instance_rows(simap, buttons, specks, chips=colored)
     if buttons and len(rows) > MAX_ROWS + 1:
         more = f"<summary>{len(rows) - MAX_ROWS} more classes</summary>{''.join(rows[MAX_ROWS:])}"
         rows = [*rows[:MAX_ROWS], f'<details class="simaps-more">{more}</details>']
@@ -152,6 +157,10 @@ def legend_html(
         return _box(
             f"{CHIP_STYLE}<div>as the cameras saw it; objects are outlined</div>{''.join(rows)}{_unseen(theme)}"
         )
+    if mode == "class":
+        others = "".join(f'<span class="simaps-entry">{name}</span>' for name in _uncounted(simap, specks))
+        rows += [f'<div style="margin-top:.5em">not counted: {others}</div>'] if others else []
+    rows += [_note("Faint: specks, seen too little to count.")] if specks else []
     rows += [_note(text) for text in _repeats(simap, mode)]
     ground = (("wall", theme.wall), ("not named", theme.clutter), ("floor", theme.floor), ("never seen", theme.unseen))
     there = np.isin((WALL, CLUTTER, FLOOR), ground_kinds(simap.grid))  # what was never seen is around every map
@@ -162,8 +171,8 @@ def legend_html(
 
 def _repeats(simap: SIMap, mode: ColorMode) -> list[str]:
     """Return the note that colours repeat, where there are more classes or objects than colours."""
-    if mode == "class" and len(simap.counts()) > len(PALETTE):
-        return [f"{len(PALETTE)} colours for {len(simap.counts())} classes: those that touch differ, others repeat."]
+    if mode == "class" and any(class_patterns(simap).values()):
+        return ["Classes of one colour differ by stripes or squares."]
     if mode == "instance" and len(simap.instances) > len(PALETTE):
         return ["Objects near one another have different colours; farther off, colours repeat."]
     return []
@@ -174,15 +183,31 @@ def _unseen(theme: Theme) -> str:
 
 
 def _class_rows(simap: SIMap, buttons: bool, specks: Mapping[str, int]) -> list[str]:
-    colors = class_colors(simap)
-    counts = simap.counts()
-    entries = {label: _class_entry(label, count, buttons, specks.get(label, 0)) for label, count in counts.items()}
-    return [f'<div class="simaps-entry">{chip(colors[label])}{entry}</div>' for label, entry in entries.items()]
+    chips = _class_chips(simap)
+    entries = ((one, count, specks.get(one, 0)) for one, count in simap.counts().items())
+    return [
+        f'<div class="simaps-entry">{_class_entry(label, count, buttons, faint, chips[label])}</div>'
+        for label, count, faint in entries
+    ]
 
 
-def _class_entry(label: str, count: int, buttons: bool, specks: int) -> str:
+def _class_chips(simap: SIMap) -> dict[str, str]:
+    colors, patterns = shown_class_colors(simap), class_patterns(simap)
+    return {name: chip(color, PATTERN_STYLES[patterns[name]]) for name, color in colors.items()}
+
+
+def _uncounted(simap: SIMap, specks: Mapping[str, int]) -> list[str]:
+    """Return the other classes that have a colour on the map: what cannot be counted, and what only specks have."""
+    grid, counts, chips = simap.grid, simap.counts(), _class_chips(simap)
+    bare = (simap.instance == 0) & (grid.label > 0) & ~cells_of_classes(grid, "floor", "wall")
+    there = np.flatnonzero(np.bincount(grid.label[bare], minlength=len(grid.labels)))
+    names = {grid.labels[i]: "" for i in there} | {name: f" ({plural(n, 'speck')})" for name, n in specks.items()}
+    return [f"{chips[name]}{short_html(name)}{some}" for name, some in sorted(names.items()) if name not in counts]
+
+
+def _class_entry(label: str, count: int, buttons: bool, specks: int, chip: str = "") -> str:
     """Return a class and its number of objects, as a button that shows it alone and one that fades it."""
-    text = f"{short_html(label)} <b>{count}</b>" + (f" + {plural(specks, 'speck')}" if specks else "")
+    text = f"{chip}{short_html(label)} <b>{count}</b>" + (f" + {plural(specks, 'speck')}" if specks else "")
     if not buttons:
         return text
     name = escape(label)
@@ -194,17 +219,17 @@ def _class_entry(label: str, count: int, buttons: bool, specks: int) -> str:
     )
 
 
-def _instance_rows(simap: SIMap, buttons: bool, specks: Mapping[str, int]) -> list[str]:
+def _instance_rows(simap: SIMap, buttons: bool, specks: Mapping[str, int], chips: bool) -> list[str]:
     colors = instance_colors(simap)
     ids: dict[str, list[int]] = {}
     for one in simap.instances:
         ids.setdefault(one.label, []).append(one.id)
     rows = []
     for label, count in simap.counts().items():
-        chips = "".join(chip(as_color(colors[i])) for i in ids[label][:MAX_CHIPS])
-        rest = f" +{count - MAX_CHIPS}" if count > MAX_CHIPS else ""
+        some = "".join(chip(as_color(colors[i]), number=i if buttons else 0) for i in ids[label][:MAX_CHIPS])
+        some += f" +{count - MAX_CHIPS}" if count > MAX_CHIPS else ""
         entry = _class_entry(label, count, buttons, specks.get(label, 0))
-        rows.append(f'<div><span class="simaps-entry">{entry}</span>{chips}{rest}</div>')
+        rows.append(f'<div><span class="simaps-entry">{entry}</span>{some if chips else ""}</div>')
     return rows
 
 
@@ -222,9 +247,21 @@ CHIP_STYLE = (
 )
 
 
-def chip(color: Color) -> str:
-    """Return a small square of a colour, whose look is `CHIP_STYLE`."""
-    return f'<i class="simaps-chip" style="background:rgb{color}"></i>'
+_DARK = f"rgba(0,0,0,{1.0 - STRIPE:.2f})"
+_STRIPES = f"repeating-linear-gradient(%sdeg,{_DARK} 0 .2em,transparent 0 .4em)"
+PATTERN_STYLES = (
+    "none",
+    *(_STRIPES % degrees for degrees in (45, 135, 0, 90)),
+    f"repeating-conic-gradient({_DARK} 0 25%,transparent 0 50%) 0 0/.4em .4em",
+)
+"""The patterns of `texture.PATTERNS` as CSS."""
+
+
+def chip(color: Color, pattern: str = "none", number: int = 0) -> str:
+    """Return a small square of a colour, whose look is `CHIP_STYLE`; one with an object's number can be pressed."""
+    one = f' data-one="{number}"' if number else ""
+    drawn = f"rgb{color}" if pattern == "none" else f"{pattern},rgb{color}"
+    return f'<i class="simaps-chip"{one} style="background:{drawn}"></i>'
 
 
 def _bar(low: str, high: str, meaning: str) -> str:

@@ -4,7 +4,7 @@ Row 0 of every image is the map's southernmost row, which is what viser wants fo
 """
 
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.colors.array_cache import ArrayCache
-from simaps_viz.colors.classes import cells_of_classes, class_color, ground_kinds
+from simaps_viz.colors.classes import COMMON, cells_of_classes, class_color, ground_kinds
 from simaps_viz.colors.instances import class_colors, instance_colors
 from simaps_viz.colors.palette import PALETTE, Color
 from simaps_viz.drawing.theme import LIGHT, Theme
@@ -30,6 +30,17 @@ GROUND = 4
 """Kinds of ground: unseen, floor, clutter, wall, in this order."""
 BORDER = 0.55
 """Factor that darkens the rim of an object."""
+STRIPE = 0.7
+"""Factor that darkens a pattern of a class."""
+PATTERNS: tuple[Callable[[NDArray, NDArray], NDArray], ...] = (
+    lambda row, col: np.zeros(np.broadcast_shapes(row.shape, col.shape), bool),
+    lambda row, col: (row + col) % 4 < 2,
+    lambda row, col: (row - col) % 4 < 2,
+    lambda row, col: (row + 0 * col) % 4 < 2,
+    lambda row, col: (0 * row + col) % 4 < 2,
+    lambda row, col: (row // 2 + col // 2) % 2 == 1,
+)
+"""Which cells of a class are darker: none, stripes in four directions, squares; the legend has the same."""
 FADED = 0.22
 """How much of its colour is left to what is not emphasised."""
 TINT = 0.25
@@ -94,11 +105,40 @@ def cell_colors(
         unborn = np.zeros(int(simap.community.max(initial=0)) + 1, bool)
         unborn[[c for c in hidden if c < len(unborn)]] = True
         index[unborn[simap.community] & (simap.instance > 0)] = 1
-    return _looked_up(_palette(simap, mode, grounds, lit, theme), index)
+    palette = _palette(simap, mode, grounds, lit, theme)
+    if mode == "class":
+        _draw_patterns(simap, index, len(palette) // 2)
+    return _looked_up(palette, index)
+
+
+def _draw_patterns(simap: SIMap, index: NDArray, size: int) -> None:
+    """Let cells of classes that share their colour with others look up the darker one, ``size`` places on, in place."""
+    patterns = class_patterns(simap)
+    if not any(patterns.values()):
+        return
+    places = np.zeros(size, np.uint8)
+    grounds = GROUND + len(simap.grid.labels)
+    places[GROUND:grounds] = [patterns.get(name, 0) for name in simap.grid.labels]
+    for one in simap.instances:
+        places[grounds - 1 + one.id] = patterns[one.label]
+    row, col = np.ogrid[: index.shape[0], : index.shape[1]]
+    of_cell = places.take(index)
+    for pattern, is_dark in enumerate(PATTERNS[1:], start=1):
+        np.add(index, size, out=index, where=(of_cell == pattern) & is_dark(row, col))
+
+
+def class_patterns(simap: SIMap) -> dict[str, int]:
+    """Choose what tells classes of one colour apart: places in `PATTERNS`, in the order of names, common ones first."""
+    colors, used = shown_class_colors(simap), Counter[Color]()
+    patterns = {}
+    for name in sorted(colors, key=lambda name: (name not in class_colors(simap), name not in COMMON, name)):
+        patterns[name] = used[colors[name]] % len(PATTERNS)
+        used[colors[name]] += 1
+    return patterns
 
 
 def _palette(simap: SIMap, mode: ColorMode, grounds: int, lit: Collection[int] | None, theme: Theme) -> NDArray:
-    """Return uint8 [n, 3]: the colours of the grounds, then those of ids 1, 2, ..."""
+    """Return uint8 [n, 3]: the colours of the grounds, then those of ids 1, 2, ...; of classes all again, darker."""
     colors = instance_colors(simap)[1:]
     palette = np.concatenate([np.zeros((grounds, 3), np.uint8), colors])
     palette[:GROUND] = theme.grounds
@@ -107,10 +147,14 @@ def _palette(simap: SIMap, mode: ColorMode, grounds: int, lit: Collection[int] |
         palette[GROUND:grounds] = [of_class.get(name, class_color(name)) for name in simap.grid.labels]
         for one in simap.instances:
             palette[grounds - 1 + one.id] = of_class[one.label]
+    size = len(palette)
+    if mode == "class":
+        palette = np.concatenate([palette, (palette * STRIPE).astype(np.uint8)])
     if lit is not None:
         keep = np.zeros(len(palette), bool)
         places = np.fromiter(lit, np.int64, len(lit)) + grounds - 1
-        keep[places[places < len(palette)]] = True
+        keep[places[places < size]] = True
+        keep[size:] = keep[: len(palette) - size]
         palette = np.where(keep[:, None], palette, _fade(palette, theme))
     return palette
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from toy_maps import TOY_SPEC, toy_map
+from toy_maps import TOY_SPEC, furnished_map, toy_map
 
 from simaps_viz.colors.classes import class_color, instance_color
 from simaps_viz.drawing import frame_pictures, legend, texture
@@ -166,6 +166,47 @@ def test_legend_escapes_names_and_holds_every_colour(simap):
     assert all(f"rgb{instance_color(i.id)}" in html for i in simap.instances)
     assert f"rgb{class_color('chair')}" in legend.legend_html(simap, "class")
     assert "2 m" in legend.legend_html(simap, "height") and "5 frames" in legend.legend_html(simap, "observations")
+
+
+def test_classes_of_one_colour_differ_by_pattern_on_the_map_and_in_its_legend():
+    names = [f"class {i}" for i in range(30)]
+    plan = {"size_m": (31.0, 2.0), "walls": [], "things": [(n, i, 0.5, i + 0.6, 1.1, 0.8) for i, n in enumerate(names)]}
+    simap = furnished_map(plan)
+    colors, html = texture.cell_colors(simap, "class"), legend.legend_html(simap, "class")
+    looks = []
+    for one in simap.instances:
+        row, col = np.nonzero(simap.instance == one.id)
+        looks.append(colors[row.min() : row.min() + 4, col.min() // 4 * 4 + 4 : col.min() // 4 * 4 + 8].tobytes())
+    chips = [entry.split("class ")[0] for entry in html.split('simaps-chip" style=')[1:31]]
+    assert len(set(looks)) == len(set(chips)) == 30
+    plain = texture.cell_colors(simap, "instance")
+    assert all(len(np.unique(plain[simap.instance == one.id], axis=0)) == 1 for one in simap.instances)
+    assert "stripes" in html and "stripes" not in legend.legend_html(toy_map(), "class")
+    # Dimmed, a pattern is dimmed too.
+    dim = texture.cell_colors(simap, "class", lit={simap.instances[0].id})
+    assert (dim[simap.instance == simap.instances[0].id] == colors[simap.instance == simap.instances[0].id]).all()
+    assert (dim[simap.instance == simap.instances[29].id] > 150).all()
+
+
+def test_the_legend_of_classes_names_every_colour_of_the_map(simap):
+    """Also what cannot be counted, what is no object for being small, and what only specks have."""
+    grid, label = simap.grid, simap.grid.label.copy()
+    label[50:54, 50:54] = len(grid.labels)
+    label[60, 60] = grid.labels.index("tv")
+    grid = replace(grid, labels=(*grid.labels, "rug"), is_thing=(*grid.is_thing, False), label=label)
+    rug = replace(simap, grid=grid, instances=tuple(one for one in simap.instances if one.label != "tv"))
+    html = legend.legend_html(rug, "class", specks={"tv": 1})
+    colors = texture.cell_colors(replace(simap, grid=grid), "class")
+    for cell, text in (((51, 51), "rug"), ((60, 60), "tv (1 speck)")):
+        assert f'style="background:rgb{tuple(colors[cell].tolist())}"></i>{text}</span>' in html
+    assert "not counted" in html and "not counted" not in legend.legend_html(simap, "class")
+
+
+def test_a_photo_has_the_squares_of_objects_only_where_their_colours_are_seen(simap):
+    squares = [f"rgb{instance_color(one.id)}" for one in simap.instances]
+    assert all(one in legend.legend_html(simap, "photo") for one in squares)
+    pale = legend.legend_html(simap, "photo", colored=False)
+    assert not any(one in pale for one in squares) and "chair <b>3</b>" in pale
 
 
 def test_thumbnail_outlines_the_mask_and_only_it():

@@ -39,6 +39,8 @@ DRAG_S = 1.5
 """A slider that was at rest for so long is moved anew."""
 MODE_HINT = "What a colour on the map means; the legend follows."
 TINT_HINT = "How much of the objects' colours lies over the photo."
+SEEN_TINT = 50
+"""From this share of objects' colours over the photo on, percent, the legend has them, too."""
 CUT_HINT = "Leave out everything above, as if the roof and then the tables were lifted off."
 WALLS_HINT = "Show walls in full height; otherwise they end low, so that one can look in."
 SPECK_FRAMES, FRAMES_PER_GLANCE, FAINT = 3, 50, 0.25
@@ -286,7 +288,8 @@ class MapPanel(Panel):
         for widget in (self._k, self._resolution, self._reset):
             widget.disabled = not simap.instances and not simap.graphs
         faint = Counter(one.label for one in simap.instances if one.id in specks)
-        legend = legend_html(counted, self.mode, self._page.theme, buttons=True, specks=faint)
+        seen = self.mode == "instance" or (not self._in_space and self._tint.value >= SEEN_TINT)
+        legend = legend_html(counted, self.mode, self._page.theme, buttons=True, specks=faint, colored=seen)
         legend = f'<div class="simaps-legend" style="{LEGEND_STYLE}">{legend}</div>'
         if self._legend.content != legend:  # sent again, it would lose the focus of its buttons
             self._legend.content = legend

@@ -273,7 +273,7 @@
   };
 
   // The object under the pointer, and the class that the legend points to.
-  let pointer = null, pressed = false, pointed = null;
+  let pointer = null, pressed = false, pointed = null, chosen = null;
   const inCanvas = (event) => event.target.closest && event.target.closest('.simaps-over') === null
     && over.parentElement && over.parentElement.contains(event.target);
   window.addEventListener('pointermove', (event) => {
@@ -353,25 +353,29 @@
       }
     }
     if (map && pointed) for (const one of map.shown) if (one.label === pointed) draw(context, one, true);
-    if (under) draw(context, under, false);
+    for (const one of [under, chosen]) if (one) draw(context, one, false);
     drawing.hidden = !drawn;  // some graphics go on showing what was last on a canvas that was only cleared
   };
 
   // The legend: what is pointed to is outlined, a press shows a class alone or fades it.
+  const oneOf = (event) => (map && event.target.dataset && map.objects.get(Number(event.target.dataset.one))) || null;
   const entryOf = (event) => event.target.closest && event.target.closest('[data-class]');
   let step = 0;  // of merging, whose button the pointer is on
   const point = (event) => {
     const button = event.target.closest && event.target.closest('button');
     const on = Number(((button && button.textContent.match(/^Step (\d{1,8}):/)) || [0, 0])[1]);
     if (on !== step) tell({ type: 'step', number: step = on });
-    const entry = entryOf(event), label = entry ? entry.dataset.class : null;
-    if (label !== pointed) { pointed = label; changed = true; }
+    const entry = entryOf(event), label = entry ? entry.dataset.class : null, square = oneOf(event);
+    if (square) event.target.title = square.facts;
+    if (label !== pointed || chosen !== square) { pointed = label; chosen = square; changed = true; }
   };
   window.addEventListener('pointerover', point, true);
   window.addEventListener('focusin', point, true);
   window.addEventListener('click', (event) => {
     const entry = entryOf(event);
     if (entry) tell({ type: 'class', name: entry.dataset.class, do: entry.dataset.do });
+    const one = oneOf(event);
+    if (one) tell({ type: 'named', id: one.id, x: map.xmin + one.x * map.cell, y: map.ymin + one.y * map.cell });
     if (event.target.closest && event.target.closest('.simaps-selected')) tell({ type: 'deselect' });
   }, true);
   let more = window.innerHeight >= 1000;  // whether all classes are listed; a new legend is folded up
