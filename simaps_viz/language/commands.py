@@ -345,7 +345,7 @@ def _is_talk(sentence: Sentence) -> bool:
 def _is_purpose(sentence: Sentence) -> bool:
     """Whether a clause says what a person will do there, as "to get rid of this cup", "where I can wash my hands"."""
     if sentence.words[:1] == ("where",):
-        return not any(edge.kind in _NAMES for here in sentence.edges for edge in here)
+        return not any(edge.kind in _NAMES for here in sentence.edges[1:] for edge in here)
     return len(sentence.words) > 2 and sentence.words[0] == "to" and any(e.kind == "HANDS" for e in sentence.edges[1])
 
 
@@ -426,7 +426,8 @@ def _unheard(sentence: Sentence, program: str) -> str:
         end = max(edge.end for edge in here)
         longest = [edge for edge in here if edge.end == end]
         kinds = {edge.kind for edge in longest}
-        if kinds == {"COLOR"} and not any(quoted(edge.value) in program for edge in longest):
+        asked = '"color"' in program  # "is the couch red or blue?"
+        if kinds == {"COLOR"} and not asked and not any(quoted(edge.value) in program for edge in longest):
             return " ".join(sentence.words[at:end])
         if kinds <= {"NOUN", "NOUNS"}:
             noun = longest[0].value

@@ -67,6 +67,10 @@ class Things:
     """What else of its name may be meant where a relation fits none of it, as of "the table" another table."""
     most: str = ""
     """What the first is among them, as in "leftmost"; said of it once it is chosen."""
+    levels: tuple[float, ...] = ()
+    """Of a set in an order: how far along it each is, in the smallest step that the map can tell."""
+    tied: tuple[Any, ...] = ()
+    """Once the first were chosen: those that are as near, as large and so on, as far as the map can tell."""
 
     def __len__(self) -> int:
         return len(self.items)
@@ -127,12 +131,15 @@ class Things:
         """Return the first n; CommandError when there are too few."""
         self.expect(n)
         before = (self.most, *self.before) if self.most and n < len(self) else self.before
-        return replace(self, items=self.items[:n], before=before, most="")
+        left = zip(self.items[n:], self.levels[n:], strict=False)
+        tied = tuple(item for item, level in left if level - self.levels[n - 1] <= 1.0 + 1e-9)
+        return replace(self, items=self.items[:n], before=before, most="", levels=(), tied=tied)
 
     def of(self, items: Sequence[Any], before: str = "", after: str = "") -> "Things":
         """Return other things of this kind, with more words before or after the noun."""
         words = (*([before] if before else []), *self.before)
-        return replace(self, items=tuple(items), before=words, after=f"{self.after} {after}".strip())
+        after = f"{self.after} {after}".strip()
+        return replace(self, items=tuple(items), before=words, after=after, levels=(), tied=())
 
 
 Named = str | Instance | Things

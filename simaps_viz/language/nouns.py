@@ -265,6 +265,8 @@ def _of_one_thing(parts: Parts, noun: Noun | None) -> Parts:
     for part in parts:
         if part.kind == "alias" and (noun is None or noun.label != part.of or noun.spoken == part.text):
             raise CommandError("")
+    paired = _number(parts, "count") == 2  # "the two chairs that stand side by side"
+    parts = tuple(replace(one, kind="order") if one.kind == "abreast" and paired else one for one in parts)
     return tuple(part for part in parts if part.kind != "alias")
 
 
@@ -746,6 +748,14 @@ def _close(np: Phrase, near: str = "") -> Parts:
     return (Part("near", np.argument, number=int(beside), phrase=np, definite=np.definite),)
 
 
+@_rule("relation", "NEAR np _at _dets side SIDE?", cost=-0.3)
+def _close_on_side(np: Phrase, side: str) -> Parts:
+    """Read "next to the microwave on the left", of the only microwave: on its left."""
+    if not np.lone or side not in ("left", "right"):
+        raise CommandError("")
+    return (*_side_of(side, np), *_close(np))
+
+
 @_rule("relation", "(TO | AWAY? FROM | OF) np", cost=-0.05)
 def _measured(np: Phrase) -> Parts:
     return (Part("from", np.measure, phrase=np),)
@@ -851,9 +861,22 @@ def _elsewhere() -> Parts:
     return _filter("minus({}, inside({}, room()))")
 
 
-@_rule("relation", "(FROM | TO)? HERE | EXIST HERE? | (IN | ON | OF) DET* MAP | ABREAST")
+@_rule("relation", "ABREAST")
+def _abreast() -> Parts:
+    return (Part("abreast", "together"),)
+
+
+@_rule("relation", "(FROM | TO)? HERE | EXIST HERE? | (IN | ON | OF) DET* MAP")
 def _anywhere() -> Parts:
     return ()
+
+
+@_rule("relation", "ANYWHERE? IN here:HERE")
+def _in_here(here: str) -> Parts:
+    """Read "in here": in the room where the robot is, of a map that has rooms."""
+    if here != "here":  # "in this place"
+        return ()
+    return _filter('inside({}, "")')
 
 
 @_rule("pre", "room POSS", cost=0.1)
@@ -1045,6 +1068,14 @@ def _having_some_and(n: int, a: Phrase, b: Phrase) -> Parts:
     return (*_having_some(n, a), *_having(b))
 
 
+@_rule("relation", "WITH np (IS | HANG)? ON IT?", cost=-0.1)
+def _having_on(np: Phrase) -> Parts:
+    """Read "the desk with a plant on it": not with one beside it."""
+    if np.text == IT or np.many:
+        raise CommandError("")
+    return _filter(f"under({{}}, {np.argument})", np)
+
+
 @_rule("relation", "WITH np UNDER IT?", cost=-0.1)
 def _having_under(np: Phrase) -> Parts:
     """Read "the desk with a backpack under it"."""
@@ -1148,8 +1179,8 @@ def _except(targets: tuple[Phrase, ...]) -> Parts:
     if corrected or any(phrase.is_room or phrase.text == ONE for phrase in targets):
         raise CommandError("")
     text = "{}"
-    for phrase in targets:
-        text = f"minus({text}, {phrase.argument})"
+    for phrase in targets:  # "not one at the counter": none of them
+        text = f"minus({text}, {(phrase.any and phrase.whole) or phrase.argument})"
     return _filter(text, *targets, outer=True)
 
 
@@ -1242,6 +1273,12 @@ def _same_name(pre: Sequence[Parts] = (), post: Sequence[Parts] = (), ones: str 
     return replace(select(None, (*_flat(pre), *_flat(post)), every=bool(ones)), among=True)
 
 
+@_rule("np", "ONE &(ON | IN | AT | BY | NEAR | UNDER | WITH) post+", cost=0.2)
+def _one_such(post: Sequence[Parts]) -> Phrase:
+    """Read "a chair, not one at the counter"."""
+    return replace(select(None, _flat(post)), among=True, any=True, penalty=0.0)
+
+
 @_rule("thing", "_dets ONE _at DET* (side SIDE? | MIDDLE)", cost=-0.1)
 def _of_them_on(side: str = "middle") -> Phrase:
     """Read "the one on the left" after "there are two chairs at the desk": the leftmost of these."""
@@ -1252,6 +1289,8 @@ def _of_them_on(side: str = "middle") -> Phrase:
 @_rule("thing", "(DET+ | &ORD | &_room_too) pre+ post*", cost=0.9)
 def _elided(pre: Sequence[Parts], post: Sequence[Parts] = ()) -> Phrase:
     if any(part.kind == "vague" for part in _flat(pre)):
+        raise CommandError("")
+    if not post and all(part.kind == "order" and part.text in _SIDES[2:6] for part in _flat(pre)):  # "in the south"
         raise CommandError("")
     return select(None, (*_flat(pre), *_flat(post)))
 
@@ -1265,6 +1304,19 @@ def _compound(of: Noun, noun: Noun, pre: Sequence[Parts] = (), post: Sequence[Pa
     place = select(of, ())
     parts = (*_flat(pre), Part("order", "near", place.measure, phrase=place, note=note), *_flat(post))
     return select(noun, parts)
+
+
+@_rule("thing", "_dets pre* noun FOR n:whole post*", "_dets pre* noun FOR np post*", cost=-0.2)
+def _for_so_many(
+    noun: Noun, n: int = 0, np: Phrase | None = None, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()
+) -> Phrase:
+    """Read "a table for six", "... for six people": one with as many seats."""
+    people = re.fullmatch(r'nearest\(\w+\("(?:person|people)"\), (\d+)\)', np.text) if np else None
+    number = int(people[1]) if people else n
+    if not number or noun.spoken.split()[-1] not in ("table", "desk"):
+        raise CommandError("")
+    seats = Phrase('things("seat")', 'things("seat")', "seat", True)
+    return select(noun, (*_flat(pre), *_having_some(number, seats), *_flat(post)))
 
 
 @_rule("thing", "ITS pre* noun post*")

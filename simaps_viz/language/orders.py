@@ -283,7 +283,11 @@ def _go_room(room: Phrase) -> Steps:
 
 @_rule("order", "LEAVE (room | HERE)? !ATLEAST")
 def _leave(room: Phrase | None = None) -> Steps:
-    return (Do(('robot.move_to_object(room("other"))',)),)
+    out = (Do(('robot.move_to_object(room("other"))',)),)
+    if room is None or room.text == "room()":
+        return out
+    # Who is told to leave a room without being in it stays, and says where it is.
+    return (Choose("distance({0.argument}) == 0", (room,), out, (Do(('tell(room(), "which")',)),)),)
 
 
 @_rule("order", "_go _dets NEAREST? spot:SPOT ((OF | IN) (room | DET* MAP) | BETWEEN _dets _number? ROOMS)?", cost=0.2)
@@ -840,7 +844,7 @@ def _are_there_more(
 
 @_rule(
     "question",
-    "_count ROOMS (IS | EXIST | APPROACH)* HERE? _in_map?",
+    "_count ROOMS (IS | EXIST | APPROACH)* (IN? HERE)? _in_map?",
     "_count ROOMS (_is | DOES | WITH)* DET* MAP WITH?",
 )
 def _how_many_rooms() -> Steps:
@@ -1167,6 +1171,12 @@ def _which(np: Phrase) -> Steps:
     return _told(np, "which" if chosen else "list")
 
 
+@_rule("question", "WHICH (ROOM | ROOMS) IS np NEAR TO?", cost=-0.2)
+def _which_room_is_near(np: Phrase) -> Steps:
+    """Read "which room is the printer next to?"."""
+    return _told(_changed(ALL_ROOMS, f"near(rooms(), {np.measure})", np.notes), "list")
+
+
 @_rule("question", "WHICH (OF DET*)? np IS DET? compared ONE?", cost=-0.1)
 def _which_is_more(np: Phrase, compared: str) -> Steps:
     ordered = (np.whole or np.text) if compared == "near" else f'order({np.whole or np.text}, "{compared}")'
@@ -1215,7 +1225,7 @@ def _what_is_it_on(np: Phrase, near: str = "") -> Steps:
     return _told(_changed(EVERYTHING, f"{relation}({EVERYTHING.text}, {np.measure})", np.notes), "what")
 
 
-@_rule("question", "(LOOK AROUND AND LIST)? SEEWHAT HERE?")
+@_rule("question", "(LOOK AROUND AND LIST)? SEEWHAT (IN? HERE)?")
 def _what_do_you_see() -> Steps:
     return _told(_changed(EVERYTHING, text='visible(things("anything"))'), "list")
 
@@ -1266,6 +1276,14 @@ _words("_towards", "TO | TOWARD | NEAR | AT | IN | NEAREST")
 @_rule("question", "HOWFAR APART? IS pair APART?", "(HOWFAR | (WHAT IS)? DET? DISTANCE) BETWEEN pair", cost=-0.1)
 def _how_far_between(pair: tuple[Phrase, Phrase]) -> Steps:
     return _how_far_apart(*_apart(pair))
+
+
+@_rule("question", "IS np adjective OR (more:adjective OR?)+", cost=-0.2)
+def _which_color(np: Phrase, adjective: Parts, more: Sequence[Parts]) -> Steps:
+    """Read "is the bed red or blue?"."""
+    if any(not part.text.startswith("colored(") for parts in (adjective, *more) for part in parts):
+        raise CommandError("")
+    return _what_color(np)
 
 
 @_rule("question", "WHATCOLOR (IS | DOES | OF | WITH)* np IS? WITH?")

@@ -14,6 +14,7 @@ a phrase of the meaning comes to:
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 from typing import Any, Final
@@ -51,7 +52,10 @@ _NOBODY_M: Final = 0.5
 _WITHIN: Final = 0.5
 _RELATIONS: Final = ("near", "on", "under", "inside", "side", "between")
 """Functions to which "the table" may be another than the nearest, see `the`."""
+ALIKE: Final = 0.05
+"""Share by which areas may differ and still be taken for as large, see `Sets._sorted_by`."""
 _SPECK_M2: Final = 0.05
+_DOORS: Final = ("door", "doorway", "entrance", "exit")
 _NO_COLORS: Final = "The colours of things are not known on this map."
 _ACROSS_M: Final = 0.6
 """What is opposite a thing is at least this far from it: the table in front of a couch is not."""
@@ -122,6 +126,8 @@ class Sets(Grounding):
         self.answer: dict[str, Any] | None = None
         """What ``tell`` answered so far: text, value (of several questions a list), instances."""
         self._values: list[Any] = []
+        self.notes: dict[str, None] = {}
+        """What was chosen although the map cannot tell it from others, in words."""
         self.among: tuple[int, ...] = ()
         """Ids of the things that the last choice was made of, in the order of that choice."""
         self._make_lap, self._keep_off, self._radius_m = lap, keep_off, radius_m
@@ -259,6 +265,9 @@ class Sets(Grounding):
         known = self.named(words)
         if known.items:
             return known
+        if words in _DOORS and self.simap.rooms and (here := self._here()).doors:
+            way = f'the way out of {_the(here)} is known as an opening: say "go to the door"'
+            return replace(known, missing=f"There is no {words} on this map, but {way}.")
         try:
             found = self.simap.search(words, k=len(self.simap.instances))
         except CommandError:
@@ -275,10 +284,23 @@ class Sets(Grounding):
                 if room is None:
                     raise CommandError(f"The {thing.label} is in no room of this map.")
             return room
+        if name.strip().lower() == "other":
+            return self._next_room()
         found = self._rooms(name) if name.strip() else one_thing(self._here())
         if not found.items and self._all_rooms() and self._vocabulary.resolve(name):
             return self._room(self.thing_of(name))  # the name of a thing
         return found.nth(1)
+
+    def _next_room(self) -> Room:
+        """Return the other room that is first reached by driving; the nearest where no way into any is known."""
+        beyond = {door.room for door in self._here().doors}
+        others = self._rooms("other")
+        ways: list[tuple[float, int]] = []
+        for at, room in enumerate(others.items):
+            if self.route and room.id in beyond:
+                with suppress(PlanningError):
+                    ways.append((self.route([room]).length_m, at))
+        return others.items[min(ways)[1]] if ways else others.nth(1)
 
     def _rooms(self, name: str) -> Things:
         word = name.strip().lower()
@@ -393,12 +415,22 @@ class Sets(Grounding):
         if room is not None or self._point_of(T) is not None or in_rooms:
             what = "you" if isinstance(T, str) else "that place" if room is None else _the(room)
             kept = (self._far(items, T) <= most + 1e-9) & np.array([item is not room for item in items], bool)
+            if in_rooms and room is None:
+                kept &= [not near or self._is_open(item, T) for item, near in zip(items, kept, strict=True)]
             return self._keep(S, kept, after=f"{within} {what}")
         things = self.things_of(S)
         others = self.things_of(T)
         pairs = self.neighbours(things, others, most)
         pairs = self._at_their_own(things, others, pairs) if metres is None else pairs
         return self._relate(S, T, {things[i].id for i, _, _ in pairs}, f"{within} {self.set_of(T).the}")
+
+    def _is_open(self, room: Room, value: Any) -> bool:
+        """Whether no wall stands between a room and a point or the nearest of some things."""
+        point = self._point_of(value)
+        ends = np.concatenate([self.cells_of(i) for i in self.things_of(value)]) if point is None else point[None]
+        cells = self._cells_of_room(room)
+        far, nearest = map(np.asarray, KDTree(cells).query(ends))
+        return not self._walled(ends[far.argmin()], cells[nearest[far.argmin()]])
 
     def _at_their_own(
         self, things: Sequence[Instance], others: Sequence[Instance], pairs: list[tuple[int, int, float]]
@@ -609,6 +641,8 @@ class Sets(Grounding):
         return wall_cells(self.simap) & (self.simap.instance == 0)
 
     def _inside(self, S: Named, R: Any) -> Things:
+        if R == "" and not self.simap.rooms:
+            return self.set_of(S)
         if isinstance(R, str) and R.strip() and self._vocabulary.resolve(R) and not self._rooms_called(R):
             return self._on(S, R, within=True)
         rooms = self._rooms(R).items if isinstance(R, str) and R else self.set_of(R).items if R else (self._here(),)
@@ -807,9 +841,10 @@ class Sets(Grounding):
         both = {_key(i): i for i in (*first.items, *second.items)}
         if len({is_thing for is_thing, _ in both}) > 1:
             raise CommandError("a set holds things or rooms, not both")
-        items = tuple(self._sorted(list(both.values()), np.zeros(len(both))))
+        alike = list(both.values())
+        items = tuple(alike[k] for k in self._order_of(alike, np.zeros(len(alike))))
         if (first.one, first.many) == (second.one, second.many):
-            return replace(first, items=items)
+            return replace(first, items=items, levels=(), tied=())
         return Things(items, f"{first.one} or {second.one}", f"{first.many} or {second.many}")
 
     def _common(self, A: Named, B: Named) -> Things:
@@ -824,21 +859,42 @@ class Sets(Grounding):
     def _order(self, S: Named, key: str, of: Any) -> Things:
         found = self.set_of(S)
         if key in ("near", "far"):
-            ranked, most = self._by_gap(found, of, -1.0 if key == "far" else 1.0), SAID["most"][key]
+            found, score = self._by_gap(found, of, -1.0 if key == "far" else 1.0)
             if self._point_of(of) is not None or found.after or self.room_of(of) is not None:
-                return replace(found, items=tuple(ranked), most=most)
-            return found.of(ranked, after=f"{most} {'from' if key == 'far' else 'to'} {self.set_of(of).the}")
-        items = list(found.items)
+                return self._sorted_by(found, score, key)
+            after = f"{SAID['most'][key]} {'from' if key == 'far' else 'to'} {self.set_of(of).the}"
+            return replace(self._sorted_by(found, score, key), most="", after=after)
         if key in ("apart", "together"):
-            return replace(found, items=tuple(self._paired(items, key)), most=SAID["most"][key])
+            return replace(found, items=tuple(self._paired(list(found.items), key)), most=SAID["most"][key])
         if key in ("many", "few"):
             if isinstance(of, str) and not of:
                 raise CommandError(f"order by {key}: expected what to count, found nothing")
+            if not found.items:
+                return found
             counts, sign = self._counts(found, of), -1 if key == "many" else 1
-            score = [sign * counts[i.id] for i in items]
-            after = f"with the {'most' if key == 'many' else 'fewest'} {self.set_of(of).many}"
-            return found.of(self._sorted(items, score), after=after)
-        return replace(found, items=tuple(self._sorted(items, self._scores(items, key, of))), most=SAID["most"][key])
+            ordered = self._sorted_by(found, [2.0 * sign * counts[i.id] for i in found.items], "")
+            words = f"with the {'most' if key == 'many' else 'fewest'} {self.set_of(of).many}"
+            return replace(ordered, after=f"{found.after} {words}".strip())
+        return self._sorted_by(found, self._scores(found.items, key, of), key)
+
+    def _sorted_by(self, found: Things, score: Sequence[float] | NDArray, key: str) -> Things:
+        """Return a set in the order of a score, with the levels at which the map can tell one from another.
+
+        Where things end is known to a cell, and so is how far or how long they are. An area is taken for as large
+        where it differs by less than ``ALIKE``: on a thing of half a square metre that is a quarter of a cell all
+        around. Angles, lightness and the middle of several things have no such step.
+        """
+        order = self._order_of(found.items, score)
+        at = np.array(score, np.float64)[order]
+        measure = _BY_SIZE[key][0] if key in _BY_SIZE else ""
+        if measure == "area":
+            at = np.sign(at) * np.log(np.maximum(np.abs(at), 1e-9)) / np.log1p(ALIKE)
+        elif measure == "lightness" or key in ("middle", "front", "behind"):
+            at = at / 1e-9
+        elif key:
+            at = at / self.simap.spec.cell_size_m
+        items = tuple(found.items[k] for k in order)
+        return replace(found, items=items, most=SAID["most"].get(key, ""), levels=tuple(at.tolist()), tied=())
 
     def _paired(self, items: list[Any], key: str) -> list[Any]:
         """Return things, or rooms, of which the two that are farthest apart, or closest together, come first."""
@@ -875,18 +931,17 @@ class Sets(Grounding):
         left = offset @ (-np.sin(yaw), np.cos(yaw))
         return -left if key == "left" else left
 
-    def _sorted(self, items: Sequence[Any], score: Sequence[float] | NDArray) -> list[Any]:
+    def _order_of(self, items: Sequence[Any], score: Sequence[float] | NDArray) -> list[int]:
         far = self._far(items, SELF)
-        order = sorted(range(len(items)), key=lambda k: (round(float(score[k]), 9), far[k], items[k].id))
-        return [items[k] for k in order]
+        return sorted(range(len(items)), key=lambda k: (round(float(score[k]), 9), far[k], items[k].id))
 
-    def _by_gap(self, found: Things, of: Any, sign: float) -> list[Any]:
-        """Return a set by distance from the robot or something else, which is left out itself."""
+    def _by_gap(self, found: Things, of: Any, sign: float) -> tuple[Things, NDArray]:
+        """Return a set without what distances are measured from, and the distances, times the sign."""
         items = found.items
         apart = self._far(items, of)
         room = self.room_of(of)
         kept = [k for k in range(len(items)) if np.isfinite(apart[k]) and (room is None or items[k] is not room)]
-        return self._sorted([items[k] for k in kept], sign * apart[kept])
+        return replace(found, items=tuple(items[k] for k in kept)), sign * apart[kept]
 
     def _nearest(self, S: Named, n: int, of: Any) -> Things:
         return self._few(S, "near", n, of)
@@ -903,19 +958,26 @@ class Sets(Grounding):
             raise CommandError(
                 f"There {'is' if left == 1 else 'are'} {found.number(left)} besides that one; {n} were asked for."
             )
-        return self._choice_of(ranked).first(n)
+        return self._first(ranked, n)
 
     def _first(self, S: Named, n: int) -> Things:
-        return self._choice_of(self.set_of(S)).first(n)
+        found = self._choice_of(self.set_of(S))
+        chosen = found.first(n)
+        if chosen.tied:
+            several = found.of((*chosen.items, *chosen.tied)).number()
+            note = f"which of {several} {'is' if n == 1 else 'are'} {found.most or 'meant'} the map cannot tell"
+            self.notes[f"{note}: {'one of them is' if n == 1 else 'some of them are'} taken"] = None
+        return chosen
 
     def _the(self, S: Named) -> Things:
         found = self.set_of(S)
-        return replace(self._few(found, "near", 1, ""), instead=found.items[1:]) if len(found) > 1 else found
+        nearest = replace(self._order(found, "near", ""), levels=()).first(1) if len(found) > 1 else found
+        return replace(nearest, instead=found.items[1:])
 
     def _last(self, S: Named, n: int) -> Things:
         found = self._choice_of(self.set_of(S))
         found.expect(n)
-        return replace(found, items=found.items[-n:], most="")
+        return replace(found, items=found.items[-n:], most="", levels=())
 
     def _only(self, S: Named, word: str) -> Things:
         found = self.set_of(S)
@@ -1090,7 +1152,7 @@ class Sets(Grounding):
         """Return the thing whose cells come nearest to another's; that itself left out."""
         found = self._found(name)
         target = other if isinstance(other, Instance) else self.pick(other, which)
-        near = self._by_gap(found, target, 1.0)
+        near = self._order(found, "near", target).items
         if not near:
             raise CommandError(f"There is only 1 {found.one} on this map; none is left to be near it.")
         return near[0]

@@ -115,7 +115,11 @@ def _where(sets: "Sets", found: Things) -> Told:
     if len(found) == 1:
         # what was looked for may be a kind or a description: say what it is, too
         is_a = "" if found.noun == _noun(first) else f"{with_article(_noun(first))}, "
-        return f"{_cap(found.the)} is {is_a}{place_of(sets, first)}.", first.label, [first]
+        text = f"{_cap(found.the)} is {is_a}{place_of(sets, first)}"
+        also = [f"{with_article(_noun(i))}, {place_of(sets, i)}" for i in found.tied]
+        # Of two that are as large, say, neither is the largest.
+        tied = f"; as far as the map can tell, so is {'; and '.join(also)}" if also else ""
+        return f"{text}{tied}.", first.label, [first]
     places = "; ".join(place_of(sets, i) for i in found.items[:_MAX_LISTED])
     more = "; …" if len(found) > _MAX_LISTED else ""
     return f"There are {found.number()}: {places}{more}.", first.label, list(found.items)

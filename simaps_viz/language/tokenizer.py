@@ -100,8 +100,9 @@ _HEADING: Final = re.compile(
 _ATTRIBUTE: Final = re.compile(
     r"\b(?:(?:please )?(?:give|tell|say|state|report|name|measure|determine|calculate|estimate|find out|work "
     r"out|read|let me know|"
-    r"show|read out|(?:i|we) (?:need|want|would like)(?: to know| you to tell me)?|do you know)(?: me| us| to me)?)"
-    r"(?: (?:about|for|of))? (?:what )?(?:(?:the|its|their) (?:\w+ )?)?"
+    r"show|read out|(?:i|we) (?:need|want|would like)(?: to know| you to tell me)?|do you know|what about|"
+    r"how about)(?: me| us| to me)?)"
+    r"(?: (?:about|for|of))? (?:what (?!colou?r|size|height|width))?(?:(?:the|its|their) (?:\w+ )?)?"
     r"(?=(?:distance|colou?r|height|width|length of|size|area of|footprint|breadth|dimensions|number of|count "
     r"of|position|location|whereabouts)\b)"
 )
@@ -246,6 +247,8 @@ _CONTRACTED: Final = re.compile(
 def plainly(text: str) -> str:
     """Return what was said in lower case and spelled out, without the politeness around it."""
     said = _IS.sub(r"\1 is", re.sub(r"\blet['’]s\b", "let us", text.lower()))
+    said = re.sub(r"\b(the|an?|my|our|to|at|by)\s*\.{2,}", r"\1 …", said)
+    said = re.sub(r"\b(?:might|may|could|would) be(?=\W*$)", "is", said)
     said = re.sub(r"\s[-–—]+\s", ", ", re.sub(r"\s*(?:[-=]*>|→)\s*", ", then ", said))
     said = written_out(_SHORT.sub(r"\1 \2", said))
     said = _WORD.sub(lambda found: SPELLED.get(found[0].replace("’", "'"), found[0]), said)
@@ -287,6 +290,9 @@ def plainly(text: str) -> str:
     said = re.sub(r"\bw/\s*", "with ", _ALL_OF.sub("", _WHO_PUT_DOWN.sub(" ", said)))
     said = re.sub(r"\b(?:my|our|the|his|her) (?:\w+ ){1,2}(?=(?:wants?|needs?|would like|would love) to\b)", "i ", said)
     said = re.sub(r"\bi (?:wants|needs) to\b", "i want to", said)
+    said = re.sub(
+        r"\b(i would like|i want) (?=(?:make|have|eat|drink|sit|lie|go|wash|cook|sleep|read|watch)\b)", r"\1 to ", said
+    )
     said = re.sub(r"\b(?:any|either|whichever)(?: one)? of (?=(?:the|my|our|your|these|those|them)\b)", "one of ", said)
     said = re.sub(r"\bits (?=(?:the|an?|not|in|on|at|under|near|next|behind)\b)", "it is ", said)
     said = re.sub(
@@ -550,7 +556,7 @@ def _activity(words: Sequence[str], at: int, vocabulary: Vocabulary) -> tuple[st
     if generic:
         return generic, length
     for wish in (*WISHES, ()):
-        if tuple(rest[: len(wish)]) != wish:
+        if tuple(rest[: len(wish)]) != wish or (at and wish in (("where", "i", "can"), ("where", "we", "can"))):
             continue
         for end in range(min(len(rest), len(wish) + 5), len(wish), -1):
             asked = tuple(rest[len(wish) : end])

@@ -246,7 +246,7 @@ def answer(
     end = run.robot
     return Answer(
         "ok", None, reading.program, tuple(end.goals), np.array(end.path_m, np.float64), end.pose, end.path_length_m,
-        reading.notes, reading.alternatives, end.answer, run.steps,
+        (*reading.notes, *end.grounding.notes), reading.alternatives, end.answer, run.steps,
     )  # fmt: skip
 
 

@@ -362,7 +362,7 @@ def test_what_is_told_before_an_order_is_what_it_speaks_of() -> None:
             "go to a chair, it must not be red",
             'robot.move_to_object(minus(things("chair"), colored(things("chair"), "red")))',
         ),
-        ("go to the couch. It has a plant on it.", 'robot.move_to_object(having(things("couch"), "potted plant"))'),
+        ("go to the couch. It has a plant on it.", 'robot.move_to_object(under(things("couch"), "potted plant"))'),
         ("go to the couch, there is a plant on it", 'robot.move_to_object(having(things("couch"), "potted plant"))'),
         ("go to a chair. I'd prefer a red one.", 'robot.move_to_object(colored(things("chair"), "red"))'),
         ("head to a chair, any chair", 'robot.move_to_object("chair")'),
@@ -639,6 +639,10 @@ def test_numbers_that_no_program_may_hold_are_refused_in_a_line(said: str, numbe
         (
             "go to the chair, but only if it is red",
             'chair = nearest(things("chair"))\nif count(colored(chair, "red")) > 0:\n    robot.move_to_object(chair)',
+        ),
+        (
+            "a chair, not one at the table",
+            'robot.move_to_object(minus(things("chair"), near(things("chair"), the(things("dining table")))))',
         ),
         # what is left out, also in a sentence of its own
         (

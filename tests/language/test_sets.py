@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from toy_maps import TOY_POSE, Box, furnished_map, map_from_drawing, map_of_boxes, toy_map
 
+import simaps_viz
 from simaps_viz import structures
 from simaps_viz.errors import CommandError, PlanningError, SIMapsError
 from simaps_viz.language.interpreter import interpret
@@ -510,3 +511,39 @@ def test_the_desk_is_another_one_where_only_that_fits() -> None:
     assert ids(evaluate(flat, pose, "on('laptop', nearest(things('desk')))")) == []
     assert ids(evaluate(flat, pose, "on('keyboard', the(things('desk')))")) == [40]
     assert ids(evaluate(flat, pose, "on('vase', the(things('desk')))")) == []
+
+
+def test_a_room_is_left_by_its_doorway_and_in_here_is_within_it() -> None:
+    flat = furnished_map(json.loads((Path(__file__).parent / "rounds/flat.json").read_text()))
+    bathroom = Pose2(5.4, 6.8, 0.0)  # the bedroom is nearer, behind a wall without a door
+    assert Sets(flat, bathroom).call(FUNCTIONS["rooms"], {"name": "other"}).items[0].name == "bedroom"
+
+    def run(command: str) -> simaps_viz.Answer:
+        return simaps_viz.ask(flat, command, pose=bathroom)
+
+    assert [goal.label for goal in run("leave the room").goals] == ["hall"]
+    assert [goal.label for goal in run("leave the bathroom").goals] == ["hall"]
+    stays = run("get out of the kitchen")
+    assert (stays.path_length_m, stays.answer and stays.answer["value"]) == (0.0, "bathroom")
+    sinks = flat.of_class("sink")
+    here = [i.id for i in sinks if flat.room_of(i.id) == flat.room_at(5.4, 6.8)]
+    assert len(sinks) > len(here) == 1
+    assert [goal.instance for goal in run("go to the farthest sink in here").goals] == here
+    for said in ("how many sinks are in here?", "which is the largest sink in here?"):
+        assert (run(said).answer or {})["instances"] == here
+    whole = dataclasses.replace(flat, room=np.zeros_like(flat.instance))  # a map without rooms is one place
+    counted = simaps_viz.ask(whole, "how many sinks are in here?", pose=bathroom)
+    assert (counted.answer or {})["value"] == len(sinks)
+
+
+@pytest.mark.parametrize(("gap", "tied"), [(0, True), (1, True), (3, False)])
+def test_what_the_map_cannot_tell_apart_is_said(gap: int, tied: bool) -> None:
+    """Two chairs of which one is so many cells farther away, and a plant that is twice as large as another."""
+    boxes = [Box("chair", 10, 40, 4, 4, 0.8), Box("chair", 40 + gap, 40, 4, 4, 0.8)]
+    boxes += [Box("potted plant", 20, 60, 4, 4, 0.5), Box("potted plant", 30, 70, 4, 8, 0.5)]
+    simap = map_of_boxes(GridSpec(70, 90, 0.05, 0.0, 0.0), boxes, WALLS)
+    pose = Pose2(2.1, 1.35, 0.0)
+    note = "which of 2 chairs is nearest the map cannot tell: one of them is taken"
+    answer = simaps_viz.ask(simap, "which is the nearest chair?", pose=pose)
+    assert (note in answer.notes, "so is a chair" in (answer.answer or {})["text"]) == (tied, tied)
+    assert not simaps_viz.ask(simap, "go to the biggest plant", pose=pose).notes[1:]
