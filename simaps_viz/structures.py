@@ -623,6 +623,9 @@ class SIMap:
         return simaps_viz.to_pandas(self)
 
 
+COMPASS = ("north", "northeast", "east", "southeast", "south", "southwest", "west", "northwest")
+
+
 @dataclass(frozen=True)
 class Pose2:
     """Pose of the robot on the map."""
@@ -641,6 +644,11 @@ class Pose2:
     def heading_deg(self) -> float:
         """Compass heading, degrees clockwise from north, [0, 360)."""
         return yaw_to_heading(self.yaw_rad)
+
+    @property
+    def looks(self) -> str:
+        """Where it looks, as one of eight words: "north", "northeast", ..."""
+        return COMPASS[round(self.heading_deg / 45.0) % 8]
 
 
 @dataclass(frozen=True, eq=False)

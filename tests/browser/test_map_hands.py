@@ -23,6 +23,7 @@ from playwright.sync_api import expect
 from toy_maps import TOY_POSE, toy_map
 
 from simaps_viz.drawing.texture import MapPicture
+from simaps_viz.structures import Pose2
 from simaps_viz.viewer.panels.command import CommandPanel
 from simaps_viz.viewer.panels.map import MapPanel
 from simaps_viz.viewer.scene.annotations import Label, label_of
@@ -92,7 +93,31 @@ def test_what_is_under_the_pointer_is_outlined_and_said_as_text(bench, page):
 def test_the_robot_says_what_it_is(bench, page):
     pose = mine(bench).pose
     page.mouse.move(*on_canvas(bench, page, pose.x_m, pose.y_m))
-    expect(page.locator(".simaps-hint")).to_have_text("The robot: commands start here")
+    expect(page.locator(".simaps-hint")).to_have_text("The robot: commands start here, it looks along the arrow")
+
+
+HEADING = """() => {
+  const arrow = document.querySelector('.simaps-heading :last-child').getBoundingClientRect();
+  return [arrow.x + arrow.width / 2, arrow.y + arrow.height / 2, Math.max(arrow.width, arrow.height)];
+}"""
+
+
+def test_an_arrow_as_large_at_every_zoom_shows_where_the_robot_looks(bench, page):
+    session, wheel = mine(bench), 0
+    for heading, wheel in ((90.0, 0), (180.0, 0), (270.0, 480), (0.0, -960)):
+        session.panels[CommandPanel]._put_robot(Pose2.from_heading(0.5, 0.5, heading))
+        at = on_canvas(bench, page, 0.5, 0.5)
+        page.mouse.move(*at)
+        page.mouse.wheel(0, wheel)
+        at_rest(page)
+        ahead = np.array([np.sin(np.radians(heading)), -np.cos(np.radians(heading))])  # on the screen, y down
+
+        def seen(ahead=ahead):
+            x, y, long = page.evaluate(HEADING)
+            away = np.subtract((x, y), place_on(page, bench.simap, 0.5, 0.5))
+            return long >= 18 and away @ ahead > 14 and abs(away @ ahead[::-1]) < 3
+
+        until(page, seen)
 
 
 def test_names_come_with_the_zoom_large_objects_first_and_never_cover_one_another(bench, page):

@@ -52,7 +52,9 @@ def why(command):
     simap = toy_map()
     said = answer(simap, command, TOY_POSE)
     assert said.status == "ok"
-    return why_text(said, in_asked_order(said, Grounding(simap, TOY_POSE).candidates(str(said.goals[0].label))))
+    return why_text(
+        said, in_asked_order(said, Grounding(simap, TOY_POSE).candidates(str(said.goals[0].label))), TOY_POSE
+    )
 
 
 def test_why_this_one_is_said_with_the_distances_of_the_others():
@@ -82,14 +84,14 @@ def test_why_this_one_is_said_with_the_distances_of_the_others():
     assert why("go to the second chair from the south") == (
         f"Chair 4 is the second of 3 from the south, {three:.2f} m from where the command was given."
     )
-    assert " of 3 from the left, as the robot looks, " in why("go to the leftmost chair")
+    assert " of 3 from the left, as the robot looks (to the east), " in why("go to the leftmost chair")
     assert why("visit all chairs") == "All 3 chairs on this map are meant."
 
 
 def test_what_another_class_was_looked_up_by_is_not_taken_for_the_reason():
     program = 'robot.move_to_object("chair", robot.closest_to("chair", robot.closest_to("tv", "couch")))'
     said = toy_answer(program=program, goals=(Goal("move_to_object", "chair", 1, (0.0, 0.0)),))
-    text = why_text(said, Grounding(toy_map(), TOY_POSE).candidates("chair"))
+    text = why_text(said, Grounding(toy_map(), TOY_POSE).candidates("chair"), TOY_POSE)
     assert "couch." not in text and text.endswith(f"It was chosen by: {program}")
 
 
@@ -241,6 +243,34 @@ def test_a_program_that_gets_stuck_marks_the_line():
         assert "✖" in mine(bench).panels[CommandPanel]._program.content and "is free for" in shown(bench)
         assert mine(bench).pose == TOY_POSE, "what cannot be done is said before the first turn"
         until(lambda: [past.status for past in mine(bench).panels[CommandPanel]._past] == ["failed"])
+
+
+def test_marks_of_an_answer_end_as_the_next_command_is_typed_and_as_another_thing_is_selected():
+    with toy_workbench(real_services()) as bench, fake_page(bench):
+        session, panel = mine(bench), mine(bench).panels[CommandPanel]
+        panel._drive.speed = 8.0
+
+        def answered():
+            panel.ask("go to the couch")
+            until(lambda: "Done" in shown(bench))
+            assert bench.wait_idle() and panel._lit and session.scene.texts["command"]
+
+        answered()
+        session.select(3)
+        assert bench.wait_idle() and not panel._lit
+        assert [one.text for one in session.scene.texts["command"] if "couch" in one.text] == []
+        session.select(None)
+        answered()
+        session.select(3)
+        panel._text.value = "go to the couch"
+        panel._typed()  # before what it means is looked up
+        panel._end_typing()
+        assert session.selected is None and not panel._lit
+        assert [one.text for one in session.scene.texts["command"] if "couch" in one.text] == []
+        session.select(3)
+        panel._send(paused=False)
+        until(lambda: "Done" in shown(bench))
+        assert session.selected is None
 
 
 def test_a_hanging_model_holds_nothing_up_and_stop_ends_the_wait():

@@ -59,15 +59,15 @@ _FROM_A_SIDE = re.compile(
     rf'robot\.\w+\((?:nth|first)\(order\(things\("[^"]*"\), "({"|".join(SIDES)})"\)(?:, (\d+))?\)'
 )
 """A call that names its object by a rank from a side; the first one without its rank."""
-_AS_IT_LOOKS = {"left": ", as the robot looks", "right": ", as the robot looks"}
 
 
-def why_text(answer: Answer, candidates: Sequence[Candidate]) -> str:
+def why_text(answer: Answer, candidates: Sequence[Candidate], pose: Pose2) -> str:
     """Explain why the robot goes to this instance and to no other of its class; empty if there was no choice.
 
     Args:
         answer: with the goals.
         candidates: all instances of the goals' class, the closest to where the command was given first.
+        pose: where the robot was then.
     """
     chosen = dict.fromkeys(goal.instance or 0 for goal in answer.goals)
     mine = [c for c in candidates if c.instance.id in chosen]
@@ -91,7 +91,8 @@ def why_text(answer: Answer, candidates: Sequence[Candidate]) -> str:
         nth = _NTH[one.rank].strip() or "first" if one.rank < len(_NTH) else f"{one.rank}th"
         words = next((goal.words for goal in answer.goals if goal.words), "")
         side, away = from_side[1] if from_side else "", f"{one.distance_m:.2f} m from where the command was given."
-        order = f"from the {side}{_AS_IT_LOOKS.get(side, '')}" if side else "in the order that was asked for"
+        sees = f", as the robot looks (to the {pose.looks})" if side in ("left", "right") else ""
+        order = f"from the {side}{sees}" if side else "in the order that was asked for"
         place = f"the {words}, of {plural(len(candidates), label)}; it is" if words and not side else ""
         counted = f"{_cap(name)} is {place or f'the {nth} of {len(candidates)} {order},'} {away}"
         return " ".join([counted, *([] if side or words else _choice(answer))])
@@ -384,6 +385,7 @@ class CommandPanel(Panel):
         self._trajectory: Trajectory | None = None
         self._line = 0
         self._lit: frozenset[int] = frozenset()
+        self._was_selected: int | None = None
         """Objects that are outlined: what the robot goes to, or an answer speaks of."""
         self._dims = False
         """Whether all else is dimmed."""
@@ -732,7 +734,7 @@ class CommandPanel(Panel):
             return goal_labels(simap, answer.goals), ()
         candidates = in_asked_order(answer, self._services.candidates(simap, labels.pop(), self._page.pose))
         chosen = {goal.instance or 0 for goal in answer.goals}
-        return candidate_labels(candidates, chosen), (why_text(answer, candidates),)
+        return candidate_labels(candidates, chosen), (why_text(answer, candidates, self._page.pose),)
 
     def _moved(self, pose: Pose2, share: float, leg: int) -> None:
         self._page.pose = pose
@@ -792,8 +794,10 @@ class CommandPanel(Panel):
             self._page.repaint()
 
     def selection_changed(self, instance_id: int | None) -> None:
-        """Name and outline nothing any longer for a command or an answer, once nothing is selected."""
-        if instance_id is None and not self.driving and self._lit:
+        """Name and outline nothing any longer for an old command or answer, once nothing or another is selected."""
+        before, self._was_selected = self._was_selected, instance_id
+        other = instance_id is None or (instance_id != before and not self._previews)
+        if other and not self.driving and self._lit:
             self._marks = replace(self._marks, labels=())
             self._light(frozenset())
 
@@ -983,7 +987,10 @@ class CommandPanel(Panel):
             self._send(paused=False)
         elif text.strip():
             self._end_typing()
+            if self._phase == "idle":
+                self._select_nothing()
             if self._outcome and self._phase == "idle":
+                self._unmark()
                 self._show_typed("", TYPING)
             preview = functools.partial(self._page.command_worker.submit, "preview", self._preview)
             self._typing = threading.Timer(PREVIEW_S, preview)
@@ -992,6 +999,11 @@ class CommandPanel(Panel):
         elif self._phase == "idle":
             self._unmark()
             self._show_typed("", WELCOME)
+
+    def _select_nothing(self) -> None:
+        """Take what was selected off the map: the next command is about others."""
+        if self._page.selected is not None:
+            self._page.select(None)
 
     def _pressed(self, name: str) -> None:
         if name == "Stop":
@@ -1006,6 +1018,7 @@ class CommandPanel(Panel):
     def _send(self, *, paused: bool) -> None:
         command = str(self._text.value).strip()
         if command:
+            self._select_nothing()
             self.ask(command, paused)
         else:
             self._show_result("", "Type a command first, or try an example.")

@@ -89,7 +89,6 @@ PAUSE_S = 0.6
 """How long the robot waits at each stop, at normal speed."""
 FIRST_S = 1.6
 """How long it waits at the start, so that its heading can be seen."""
-_COMPASS = ("north", "northeast", "east", "southeast", "south", "southwest", "west", "northwest")
 MAX_LABELS = 12
 _ANSWERS: tuple[tuple[Verdict, str, str, str, viser.IconName], ...] = (
     ("yes", "Yes  (key Y)", "Y", "green", viser.Icon.CHECK),
@@ -226,8 +225,7 @@ def named_in(command: str, labels: Sequence[str]) -> list[str]:
 def position_labels(run: BlindRun, start: Pose2) -> list[Label]:
     """Return labels at the start, the stops and the collision of a run."""
     stops, hit = run.shown.get("stops") or [], run.shown.get("collision")
-    looks = _COMPASS[round(start.heading_deg / 45.0) % 8]
-    texts = [Label(f"start, looking {looks}", start.x_m, start.y_m, away_y=1.0)]
+    texts = [Label(f"start, looking {start.looks}", start.x_m, start.y_m, away_y=1.0)]
     for number, (x, y) in enumerate(stops, start=1):
         texts.append(Label("stop" if len(stops) == 1 else f"stop {number}", float(x), float(y)))
     if hit:

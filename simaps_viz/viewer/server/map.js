@@ -299,12 +299,25 @@
     }
     context.restore();
   };
-  const ROBOT = 'The robot: commands start here', ROBOT_PX = 14;
-  const robotAt = () => {
+  const ROBOT = 'The robot: commands start here, it looks along the arrow', ROBOT_PX = 14, ROBOT_M = 0.2;
+  const robotAt = (ahead = 0) => {
     const { nodeRefFromName: nodes, camera } = window.__viserMutable, robot = nodes['/robot'];
     if (!robot) return null;
     const place = camera.projectionMatrix.clone().multiply(camera.matrixWorldInverse).multiply(robot.matrixWorld).elements;
-    return [(place[12] / place[15] + 1) * width / 2, (1 - place[13] / place[15]) * height / 2];
+    const [x, y, , w] = [0, 1, 2, 3].map((i) => place[12 + i] + ahead * place[i]);
+    return [(x / w + 1) * width / 2, (1 - y / w) * height / 2];
+  };
+  // Where the robot looks, as large at every zoom.
+  const heading = over.insertBefore(document.createElementNS(SVG, 'svg'), names);
+  heading.setAttribute('class', 'simaps-heading');
+  heading.setAttribute('viewBox', '-50 -50 100 100');
+  for (const d of ['M0 0 L42 -22 A48 48 0 0 1 42 22 Z', 'M17 -11 L37 0 L17 11 L21 0 Z'])
+    heading.appendChild(document.createElementNS(SVG, 'path')).setAttribute('d', d);
+  const headed = () => {  // as CSS, '' for none
+    const robot = toScreen && robotAt(), nose = robot && robotAt(ROBOT_M);
+    if (!nose) return '';
+    const [x, y] = [nose[0] - robot[0], nose[1] - robot[1]], large = Math.max(1, Math.hypot(x, y) / ROBOT_PX);
+    return `translate(${robot.map((one) => `${one.toFixed(1)}px`)}) translate(-50%, -50%) rotate(${Math.atan2(y, x).toFixed(3)}rad) scale(${large.toFixed(2)})`;
   };
   const AIM_M = 0.1;  // as a click takes it, for objects have holes
   const aimedAt = (col, row) => {
@@ -489,7 +502,8 @@
     const isCovered = covered(viser);
     texts = allTexts.filter(([kind]) => (kind === 'compare') === isCovered);
     const plain = !marked(viser), bare = !toScreen || isCovered, top = state.view === TOP;
-    const now = `${toScreen}|${width}|${height}|${plain}|${bare}|${top}`;
+    const turned = top && !bare ? headed() : '';
+    const now = `${turned}|${toScreen}|${width}|${height}|${plain}|${bare}|${top}`;
     if (now === before && !changed) return;
     before = now;
     changed = false;
@@ -499,6 +513,8 @@
       const right = viser.nodeRefFromName['/map'].matrixWorld.clone().invert().multiply(viser.camera.matrixWorld).elements;
       compass.style.transform = `rotate(${Math.atan2(right[1], right[0]).toFixed(4)}rad)`;
     }
+    heading.style.display = turned ? '' : 'none';
+    heading.style.transform = turned;
     placeHandle();
     scale.hidden = !toScreen || !top;
     if (!scale.hidden) drawScale();
