@@ -504,9 +504,14 @@ class SIMap:
         """Return the instances of a class that the map shows, by id; empty when there is none."""
         return tuple(i for i in self.instances if i.label == label)
 
-    def counts(self) -> dict[str, int]:
-        """Return {class name: number of instances}, most first, then by name."""
+    def counts(self, *, hidden: bool = False) -> dict[str, int]:
+        """Return {class name: number of instances}, most first, then by name.
+
+        Args:
+            hidden: with the classes that only `hidden` objects have.
+        """
         names = [i.label for i in self.instances]
+        names += [i.label for i in self.hidden if i.label not in {*names}] if hidden else []
         return {n: names.count(n) for n in sorted(set(names), key=lambda n: (-names.count(n), n))}
 
     def color_of(self, instance: Instance | int) -> tuple[int, int, int] | None:

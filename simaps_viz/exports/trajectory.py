@@ -41,7 +41,7 @@ def driven_poses(
         CommandError: the command is not understood, or the map lacks what it asks for.
         PlanningError: there is no path.
     """
-    program = command if is_program(command) else reader(command, simap.counts()).program
+    program = command if is_program(command) else reader(command, simap.counts(hidden=True)).program
     motion = Motion()
     agent = Agent(simap, pose, robot, motion=motion)
     pieces = [event.poses.reshape(-1, 3) for event in agent.steps(program) if event.done]

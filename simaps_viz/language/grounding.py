@@ -30,11 +30,7 @@ OPAQUE_HEIGHT_M: Final = 1.5
 MAX_LOOKED: Final = 100_000_000
 """What the functions of one program may look at together: cells, and pairs of things."""
 _SURE, _OFTEN = 0.5, 5
-"""Score and number of frames that a hidden thing needs to be spoken of."""
-_BELOW: Final = 0.75
-"""The share of a thing that has to be below another one for it to stand there."""
-_FLOOR_M: Final = 0.1
-"""Up to which height what stands on the floor begins: below a bed or desk it is there as what is in sight is."""
+"""Score and number of frames from which on the map is sure of a hidden thing."""
 _ALL: Final = ("anything", "everything", "something", "all")
 
 
@@ -170,7 +166,7 @@ class Grounding:
         self.cells = cells_of_map(simap)
         self._eye = {"field_of_view_rad": field_of_view_rad, "eye_height_m": eye_height_m}
         self._looked, self._max_looked = 0.0, max_looked
-        self._vocabulary = Vocabulary(simap.counts())
+        self._vocabulary = Vocabulary(simap.counts(hidden=True))
         self.viewer = viewer
 
     @property
@@ -234,7 +230,8 @@ class Grounding:
             return tuple(i for i in name.items if isinstance(i, Instance))
         if not isinstance(name, str):
             return (self.pick(name),)
-        return tuple(i for label in self.labels_of(name) for i in self.simap.of_class(label))
+        labels = self.labels_of(name)
+        return (*(i for label in labels for i in self.simap.of_class(label)), *self._unseen(labels))
 
     def named(self, name: str) -> Things:
         """Return the things of a name, the closest first; the empty set, which knows why, where the map has none."""
@@ -245,18 +242,22 @@ class Grounding:
             known = word in KNOWN_THINGS or plain(name) in KNOWN_THINGS
             return Things((), word if known else name.strip(), plural(word), missing=str(error))
         noun = "thing" if name.strip().lower() in _ALL else plain(labels[0]) if len(labels) == 1 else word
-        below = [i for i in self.unseen(labels) if not i.on and i.aabb_m[0][2] < _FLOOR_M]
-        below = [i for i in below if max(i.under.values(), default=0.0) >= _BELOW]
-        return Things(tuple(self.ranked([*self.members(name), *below])), noun, plural(noun))
+        return Things(self.instances(name), noun, plural(noun))
 
-    def unseen(self, labels: Collection[str]) -> list[Instance]:
+    def _unseen(self, labels: Collection[str]) -> list[Instance]:
         """Return what lies under, in or on other things, so that no cell shows it, of some classes.
 
-        What a network saw a few times only, or was not sure of, is left out, and what meets a thing of its class that
-        cells show: it is that thing, seen again.
+        Where cells show something of its class, what the map is not sure of is left out, slivers, which have no box,
+        and what meets a thing that they show: it is that thing, seen again.
         """
-        sure = [i for i in self.simap.hidden if i.label in labels and i.score >= _SURE and i.frames >= _OFTEN]
-        return [i for i in sure if not any(_meet(i, other) for other in self.simap.of_class(i.label))]
+        shown = {label: self.simap.of_class(label) for label in labels}
+        found = [i for i in self.simap.hidden if i.label in labels]
+        sure = [i for i in found if i.box is not None and not self.is_unsure(i)]
+        return [i for i in found if not shown[i.label] or (i in sure and not any(_meet(i, o) for o in shown[i.label]))]
+
+    def is_unsure(self, thing: Instance) -> bool:
+        """Whether no cell shows a thing, and a network saw it a few times only, or was not sure of it."""
+        return thing in self.simap.hidden and (thing.score < _SURE or thing.frames < _OFTEN)
 
     # ---- ranks
 

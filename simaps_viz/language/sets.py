@@ -42,6 +42,8 @@ _BEHIND_M: Final = 0.5
 """How much nearer to the table the seat is that another one stands behind."""
 _SEATS: Final = frozenset(("chair", "stool", "bar stool", "office chair"))
 _TABLES: Final = frozenset((*KINDS["table"], "desk", "counter", "kitchen counter", "bar"))
+_BOARDS: Final = ("shelf", "shelves", "bookcase", "rack")
+"""What one thing stands on above another: how its name ends."""
 CLEARANCE_M: Final = 0.3
 """Gap between the robot's hull and the thing that it stops beside."""
 _AT_WALL_M: Final = 0.35
@@ -456,45 +458,32 @@ class Sets(Grounding):
         return [one for one in kept if one[:2] not in behind]
 
     def _on(self, S: Named, T: Named, *, within: bool = False) -> Things:
-        """Keep what stands on a thing; with ``within`` also what lies under its top, as on the boards of a shelf."""
+        """Keep what stands on a thing; with ``within``, and of a shelf, also what lies under its top."""
         if self.room_of(T) is not None:
             return self._inside(S, T)
         things, others = self.things_of(S), self.things_of(T)
-        standing = {a for a, _ in self._standing(things, others, hanging=False)}
+        tops = [other for other in others if not (within or plain(other.label).endswith(_BOARDS))]
+        hidden = [i for i in things if i in self.simap.hidden]
         # What stands within a shelf does so by its surface in space rather than by its cells.
-        standing |= {i.id for i in things if self._stands_so(i, others, ("on",))}
-        hidden = {
-            number: i
-            for number, i in self._hidden(S, T, ("on", "inside")).items()
-            if within or not self._stands_so(i, others, ("under",))
-        }
-        words = f"{'in' if within else 'on'} {self.set_of(T).the}"
-        return self._relate(self._joined(S, hidden), T, standing | {*hidden}, words)
+        kept = {i.id for i in hidden if self._stands_so(i, others, ("on", "inside"))}
+        kept -= {i.id for i in hidden if self._stands_so(i, tops, ("under",))}
+        shown = [i for i in things if i not in hidden]
+        kept |= {a for a, _ in self._standing(shown, others, hanging=False)}
+        kept |= {i.id for i in shown if self._stands_so(i, others, ("on",))}
+        return self._relate(S, T, kept, f"{'in' if within else 'on'} {self.set_of(T).the}")
 
     def _under(self, S: Named, T: Named) -> Things:
         things, others = self.things_of(S), self.things_of(T)
-        kept = {b for _, b in self._standing(others, things)} | {
-            a for a, _ in self._standing(things, others, lower=True)
-        }
+        shown = [i for i in things if i not in self.simap.hidden]
+        kept = {b for _, b in self._standing(others, shown)} | {a for a, _ in self._standing(shown, others, lower=True)}
         kept |= {i.id for i in things if self._stands_so(i, others, ("under",))}
-        hidden = self._hidden(S, T, ("under",))
-        return self._relate(self._joined(S, hidden), T, kept | {*hidden}, f"under {self.set_of(T).the}")
+        return self._relate(S, T, kept, f"under {self.set_of(T).the}")
 
     @staticmethod
     def _stands_so(thing: Instance, others: Sequence[Instance], relations: Sequence[str]) -> bool:
         """Whether a thing has one of these relations in space to one of the others."""
         pairs = {number: share for name in relations for number, share in getattr(thing, name).items()}
         return any(pairs.get(other.id, 0.0) >= _WITHIN for other in others)
-
-    def _hidden(self, S: Named, T: Named, relations: Sequence[str]) -> dict[int, Instance]:
-        """Return {id: thing} of those that no cell shows, are of a class of S, and stand so to one of T."""
-        self.look(len(self.simap.hidden))
-        things, others = self.things_of(S), self.things_of(T)
-        return {i.id: i for i in self.unseen({i.label for i in things}) if self._stands_so(i, others, relations)}
-
-    def _joined(self, S: Named, more: dict[int, Instance]) -> Things:
-        found = self.set_of(S)
-        return found.of(self.ranked([*({i.id: i for i in found.items} | more).values()])) if more else found
 
     def _standing(
         self, things: Sequence[Instance], others: Sequence[Instance], *, lower: bool = False, hanging: bool = True
@@ -670,8 +659,8 @@ class Sets(Grounding):
         things, others = self.things_of(S), self.things_of(T)
         rivals = [i for label in dict.fromkeys(i.label for i in things) for i in self.simap.of_class(label)]
         # What no cell shows is counted for the thing that it is most of all on, in or under.
-        unseen = [i for i in others if i.id not in self.cells.row_of]
-        others = [i for i in others if i.id in self.cells.row_of]
+        unseen = [i for i in others if i in self.simap.hidden]
+        others = [i for i in others if i not in unseen]
         owner: dict[int, tuple[float, int]] = {}
         for i, j, far in self.neighbours(others, rivals, NEXT_TO_M):
             owner[others[i].id] = min(owner.get(others[i].id, (np.inf, 0)), (far, rivals[j].id))

@@ -35,6 +35,13 @@ def told(sets: "Sets", value: Any, kind: str, other: Any, key: str) -> Told:
     Raises:
         CommandError: when a value is of no use for that kind of question.
     """
+    text, said, things = _told(sets, value, kind, other, key)
+    unsure = sum(map(sets.is_unsure, things))
+    of = "it" if len(things) == 1 else "any" if unsure == len(things) else f"{unsure} of them"
+    return f"{text} The map is not sure of {of}." if unsure else text, said, things
+
+
+def _told(sets: "Sets", value: Any, kind: str, other: Any, key: str) -> Told:
     if isinstance(value, int | float | list):
         return _plain(value, kind)
     found = sets.set_of(_room_or(sets, value))

@@ -231,13 +231,13 @@ def answer(
     reading = Reading(written or "")
     try:
         if written is None:
-            reading = reader(command, simap.counts())
+            reading = reader(command, simap.counts(hidden=True))
         run = Agent(simap, pose, robot).rehearse(reading.program)
     except (CommandError, PlanningError) as error:
         failed = isinstance(error, PlanningError | BudgetError)
         located = error if isinstance(error, ProgramError | ProgramStuckError) else None
         reason = located.message if located and written is None else str(error)
-        suggested = instead(command, simap.counts()) if written is None else ()
+        suggested = instead(command, simap.counts(hidden=True)) if written is None else ()
         return Answer(
             "failed" if failed else "refused", reason, reading.program, (), np.array([[pose.x_m, pose.y_m]]), pose, 0.0,
             reading.notes, reading.alternatives, line=located.line if located else None,

@@ -484,10 +484,11 @@ def test_what_no_cell_shows_is_spoken_of_where_it_stands_on_or_under_something()
         facts = {"frames": 9, "score": 0.9} | others
         return Instance(number, "chair", 2, (x, y, 0.3), ((x, y, 0.0), (x, y, 0.3)), **facts)
 
-    chairs = (below(901), below(902, frames=2), below(903, score=0.3))
+    cup = dataclasses.replace(below(904, frames=2), label="cup")
+    chairs = (below(901), below(902, frames=2), below(903, score=0.3), cup)
     with_hidden = dataclasses.replace(simap, hidden=chairs)
-    numbers = np.repeat(np.array([901, 902, 903], np.int32), 2)
-    points = Points(np.tile(spot, (3, 1)), np.zeros((6, 3), np.uint8), np.ones(6, np.int16), numbers)
+    numbers = np.repeat(np.array([901, 902, 903, 904], np.int32), 2)
+    points = Points(np.tile(spot, (4, 1)), np.zeros((8, 3), np.uint8), np.ones(8, np.int16), numbers)
     vars(with_hidden)["_points"] = points
     box = structures.Box((x, y, 0.15), (0.1, 0.1, 0.3), 0.0)
     vars(with_hidden)["in_space"] = {one.id: InSpace(box, {}, {table.id: 1.0}, {}, 2, (0, 0, 0)) for one in chairs}
@@ -502,6 +503,10 @@ def test_what_no_cell_shows_is_spoken_of_where_it_stands_on_or_under_something()
     # It stands on the floor below the table, and is a chair as the others are.
     assert set(ids(evaluate(with_hidden, TOY_POSE, "things('chair')"))) - {901} == {1, 3, 4}
     assert 901 in ids(evaluate(with_hidden, TOY_POSE, "things('chair')"))
+    # Where nothing else of its name is shown, a thing is meant that the map is not sure of.
+    told = simaps_viz.ask(with_hidden, "how many cups are under the dining table?", pose=TOY_POSE).answer
+    assert told and (told["value"], told["instances"]) == (1, [904])
+    assert told["text"].endswith("The map is not sure of it.")
 
 
 def test_the_desk_is_another_one_where_only_that_fits() -> None:

@@ -91,7 +91,7 @@ def is_command(simap: SIMap, text: str) -> bool:
 
     def reads(text: str) -> bool:
         try:
-            return bool(read_command(text, simap.counts()))
+            return bool(read_command(text, simap.counts(hidden=True)))
         except CommandError:
             return False
 
