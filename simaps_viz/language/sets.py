@@ -540,7 +540,7 @@ class Sets(Grounding):
         if not found:
             a, b = self.pair(A, B)
             found = self.between_pair(self.things_of(S), a, b)
-        return self.set_of(S).of(found, after=f"between the {a.label} and the {b.label}")
+        return self.set_of(S).of(found, after=f"between {pair_words(a, b)}")
 
     def _close_pair(self, A: Named, B: Named) -> tuple[Instance, Instance] | None:
         """Return, of several lamps and one table, the lamp nearest to the table, and the table; None for other sets."""
@@ -1172,6 +1172,11 @@ class Sets(Grounding):
             "value": value,
             "instances": list(dict.fromkeys(ids)),
         }
+
+
+def pair_words(a: Instance, b: Instance) -> str:
+    """Speak of two things: "the couch and the lamp", and of two of one class by their names."""
+    return f"{a.name} and {b.name}" if a.label == b.label else f"the {a.label} and the {b.label}"
 
 
 def _the(room: Room) -> str:

@@ -97,10 +97,8 @@ def outcome_text(answer: Answer) -> str:
     said = str(answer.answer["text"]) if answer.answer else ""
     if said and not answer.goals and answer.path_length_m == 0.0:
         return said
-    names = [
-        f"{g.label} and the {g.other_label}" if g.other_label else g.words or g.label for g in answer.goals if g.label
-    ]
-    parts = [", then ".join(f"to the {name}" for name in dict.fromkeys(names))] if names else []
+    names = [_goal_words(goal) for goal in answer.goals if goal.label]
+    parts = [", then ".join(f"to {name}" for name in dict.fromkeys(names))] if names else []
     pose = answer.final_pose
     parts += [
         f"{answer.path_length_m:.2f} m",
@@ -108,6 +106,12 @@ def outcome_text(answer: Answer) -> str:
     ]
     text = ", ".join(parts)
     return f"{said} {text[0].upper()}{text[1:]}.".lstrip()
+
+
+def _goal_words(goal: Goal) -> str:
+    if goal.label == goal.other_label:
+        return f"{goal.label} {goal.instance} and {goal.other_label} {goal.other_instance}"
+    return f"the {goal.label} and the {goal.other_label}" if goal.other_label else f"the {goal.words or goal.label}"
 
 
 @dataclass(frozen=True, eq=False)

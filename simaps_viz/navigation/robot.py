@@ -20,7 +20,7 @@ from simaps_viz.errors import CommandError, InputError, PlanningError
 from simaps_viz.geometry import heading_to_yaw, wrap_angle
 from simaps_viz.language.grounding import Named, Things
 from simaps_viz.language.primitives import SELF, Primitive
-from simaps_viz.language.sets import Position, Room, Sets
+from simaps_viz.language.sets import Position, Room, Sets, pair_words
 from simaps_viz.navigation.planner import Planner, clear_length
 from simaps_viz.structures import Instance, Path, Pose2, SIMap
 
@@ -447,7 +447,7 @@ class Robot:
         )
         path = self._plan_near(
             self._gap_middle(a, b)[None],
-            f"between the {a.label} and the {b.label}",
+            f"between {pair_words(a, b)}",
             allowed=(along >= 0.0) & (along <= 1.0),
             see_through=self._see_through(a, b),
         )

@@ -88,6 +88,15 @@ def test_why_this_one_is_said_with_the_distances_of_the_others():
     assert why("visit all chairs") == "All 3 chairs on this map are meant."
 
 
+def test_two_things_of_one_class_are_called_by_their_names():
+    tables = [one.name for one in toy_map().of_class("dining table")]
+    assert len(tables) == 2
+    said = outcome_text(answer(toy_map(), "move in between the dining table and the dining table", TOY_POSE))
+    assert said.startswith("To ") and all(name in said for name in tables)
+    text = answer(toy_map(), "what is between the dining table and the dining table?", TOY_POSE).answer["text"]
+    assert all(name in text for name in tables)
+
+
 def test_what_another_class_was_looked_up_by_is_not_taken_for_the_reason():
     program = 'robot.move_to_object("chair", robot.closest_to("chair", robot.closest_to("tv", "couch")))'
     said = toy_answer(program=program, goals=(Goal("move_to_object", "chair", 1, (0.0, 0.0)),))
