@@ -351,7 +351,7 @@ class WhyPanel(Panel):
         self._show_step(0)
         self._between = found = between(simap, why.instance.id, other_id)
         first, second = found.first.name, found.second.name
-        self._apart.content = small_html(between_words(found, first, second))
+        self._apart.content = f'<div class="simaps-apart">{small_html(between_words(found, first, second))}</div>'
         self._draw()
         self._page.repaint()
         self._show_both(simap, found)

@@ -311,7 +311,7 @@
   const heading = over.insertBefore(document.createElementNS(SVG, 'svg'), names);
   heading.setAttribute('class', 'simaps-heading');
   heading.setAttribute('viewBox', '-50 -50 100 100');
-  for (const d of ['M0 0 L42 -22 A48 48 0 0 1 42 22 Z', 'M17 -11 L37 0 L17 11 L21 0 Z'])
+  for (const d of ['M0 0 L42 -22 A48 48 0 0 1 42 22 Z', 'M15 -3.5 H28 V-9 L47 0 L28 9 V3.5 H15 Z'])
     heading.appendChild(document.createElementNS(SVG, 'path')).setAttribute('d', d);
   const headed = () => {  // as CSS, '' for none
     const robot = toScreen && robotAt(), nose = robot && robotAt(ROBOT_M);

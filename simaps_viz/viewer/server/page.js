@@ -111,11 +111,13 @@
       row.dataset.fits = `${words} ${wide}`;
     }
   };
-  let changeSeen = null;
-  const showChange = () => {  // what a slider changed is said below it, where it may be out of sight
-    const said = document.querySelector('.simaps-change');
-    if (said && said !== changeSeen) said.scrollIntoView({ block: 'nearest' });
-    changeSeen = said;
+  const changeSeen = {};
+  const showChange = () => {  // what a slider changed, or keeps two things apart, is said where it may be out of sight
+    for (const name of ['.simaps-change', '.simaps-apart']) {
+      const said = document.querySelector(name);
+      if (said && said !== changeSeen[name]) said.scrollIntoView({ block: 'nearest' });
+      changeSeen[name] = said;
+    }
   };
   const placeHints = () => {  // beside the panels: below its control a hint would cover the next one
     const left = Math.max(...[...document.querySelectorAll('[data-dock-strip]')].map((one) => one.getBoundingClientRect().left));
