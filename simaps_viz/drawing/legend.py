@@ -1,6 +1,6 @@
 """Legends of the colours, and descriptions of a map and its objects, as text and as small pieces of HTML."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from html import escape
 from pathlib import PurePath
 
@@ -69,14 +69,14 @@ def facts_text(simap: SIMap, instance: Instance) -> str:
     return f"{plural(instance.cells, 'cell')} · {area:.{digits}f} m² · seen in {plural(instance.frames, 'frame')}"
 
 
-def facts_html(simap: SIMap, instance: Instance) -> str:
-    """Describe an instance in full: name, facts, place, size, score."""
+def facts_html(simap: SIMap, instance: Instance, specks: Collection[int] = ()) -> str:
+    """Describe an instance in full: name, facts, place, size, score; ``specks`` are counted apart."""
     (x0, y0, _), (x1, y1, top) = instance.aabb_m
     x, y, _ = instance.centroid_m
     color = color_of_instance(simap, instance.id)
     seen = simap.color_of(instance)
     rows = (
-        ("Class", f"{short(instance.label)}, {_one_of(simap, instance.label)}"),
+        ("Class", f"{short(instance.label)}, {_one_of(simap, instance.label, specks)}"),
         ("Position", f"x {x:.2f} m, y {y:.2f} m (map frame)"),
         ("Size", _size(instance) if has_voxels(simap) else f"{x1 - x0:.2f} × {y1 - y0:.2f} m, top at {top:.2f} m"),
         *[(kind, ", ".join(simap.by_id(i).name for i in found)) for kind, found in _related(simap, instance)],
@@ -96,11 +96,18 @@ def facts_html(simap: SIMap, instance: Instance) -> str:
     )
 
 
-def _one_of(simap: SIMap, label: str) -> str:
-    seen = simap.counts().get(label, 0)
-    count = sum(one.label == label for one in all_instances(simap))
-    below = f", {count - seen} of them below other things" if 0 < seen < count else ""
-    return f"one of {count}{below}" if count > 1 else "the only one"
+def _one_of(simap: SIMap, label: str, specks: Collection[int]) -> str:
+    ones = [one for one in all_instances(simap) if one.label == label]
+    return f"one of {count_text(simap, ones, specks)}" if len(ones) > 1 else "the only one"
+
+
+def count_text(simap: SIMap, ones: Collection[Instance], specks: Collection[int]) -> str:
+    """Count objects as the legend does: "31, and 3 below other things, and 1 speck"."""
+    hidden = {one.id for one in simap.hidden}
+    faint = sum(one.id in specks for one in ones)
+    below = sum(one.id in hidden and one.id not in specks for one in ones)
+    parts = [f"{below} below other things"] * (below > 0) + [plural(faint, "speck")] * (faint > 0)
+    return ", and ".join([*[str(len(ones) - faint - below)] * (len(ones) > faint + below or not parts), *parts])
 
 
 def _size(instance: Instance) -> str:

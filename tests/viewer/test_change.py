@@ -11,7 +11,7 @@ from browser import PATIENCE_S, free_port, toy_services
 from fake_page import fake_page
 from toy_maps import TOY_POSE, toy_map
 
-from simaps_viz.drawing.legend import legend_html
+from simaps_viz.drawing.legend import facts_html, legend_html
 from simaps_viz.drawing.texture import cell_colors, outline_segments
 from simaps_viz.drawing.theme import LIGHT
 from simaps_viz.errors import InputError
@@ -20,7 +20,8 @@ from simaps_viz.mapping.simap import repartition
 from simaps_viz.viewer.page.shared import keep_numbers, same_instances
 from simaps_viz.viewer.panels import map as map_panel
 from simaps_viz.viewer.panels.compare import MethodPanel, method_panel
-from simaps_viz.viewer.panels.map import FAINT, MapPanel, change_text, changed_instances
+from simaps_viz.viewer.panels.instance import FindBox
+from simaps_viz.viewer.panels.map import FAINT, MapPanel, change_text, changed_instances, specks_on
 from simaps_viz.viewer.scene.map_scene import Style
 from simaps_viz.viewer.workbench import Workbench
 
@@ -103,7 +104,18 @@ def test_a_moved_slider_says_what_it_changed_and_one_button_shows_before(monkeyp
         assert session.wait_idle() and panel._change.visible
         cut = session.simap
         assert "Now: K 30 %: 4 chairs (3 before), 3 dining tables (2 before), 4 obj" in panel._change.content
-        assert drawn[-1] == (cut, changed_instances(whole, cut)[0])
+        changed = changed_instances(whole, cut)[0]
+        assert drawn[-1] == (cut, changed)
+        # One after the other, the largest first, and around.
+        assert panel._step.visible and panel._step.label == f"Show each of {len(changed)} changed objects"
+        seen = []
+        for number in (*range(1, len(changed) + 1), 1):
+            panel._show_next()
+            seen += drawn[-1][1]
+            assert panel._step.label == f"{cut.by_id(seen[-1]).name} ({number} of {len(changed)}): show the next"
+        sizes = [cut.by_id(i).cells for i in seen[:-1]]
+        assert set(seen) == set(changed) and seen[0] == seen[-1] and sizes == sorted(sizes, reverse=True)
+        assert session.selected is None  # which would open another tab
         session.select(cut.instances[0].id)
         style = Style(lit=frozenset({cut.instances[0].id}))
         assert panel.style(cut, style).lit is None  # what changed is not pale while it is outlined
@@ -196,6 +208,14 @@ def test_specks_are_faint_and_not_counted_by_thresholds_that_a_person_moves(monk
         session.repaint()
         assert session.wait_idle() and panel.specks(session.simap) == few
         assert f"{7 - len(few)} instances · {len(few)} speck" in panel._counts.content
+        # The same number everywhere.
+        chairs = session.simap.of_class("chair")
+        assert {one.id for one in chairs} < specks_on(session)
+        assert "one of 2, and 1 speck" in facts_html(session.simap, chairs[0], {chairs[0].id})
+        assert "one of 3 specks" in facts_html(session.simap, chairs[0], specks_on(session))
+        session.panels[FindBox]._box.value = "chair"
+        session.panels[FindBox]._typed()
+        assert "chair: 3 specks. Enter" in session.panels[FindBox]._status.content
         assert "chair <b>3</b> + 2 specks" in legend_html(session.simap, "instance", specks={"chair": 2})
         painted, colors = drawn[-1].paint
         assert np.array_equal(painted, np.flatnonzero(np.isin(session.simap.instance, list(few))))

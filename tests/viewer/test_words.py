@@ -11,6 +11,7 @@ from simaps_viz.errors import CommandError
 from simaps_viz.language.commands import examples as spoken_examples
 from simaps_viz.language.commands import read_command
 from simaps_viz.viewer.panels.command import examples
+from simaps_viz.viewer.panels.map import origin_html
 from simaps_viz.viewer.server.viser_page import COVERED_S, OPENED, PAGE_SCRIPT, covered
 
 LONG = "w" * 480 + " end of name"
@@ -21,6 +22,18 @@ def long_map():
     labels = tuple(LONG if label == "couch" else label for label in simap.grid.labels)
     instances = tuple(replace(i, label=LONG) if i.label == "couch" else i for i in simap.instances)
     return replace(simap, grid=replace(simap.grid, labels=labels), instances=instances)
+
+
+def test_where_a_map_comes_from_is_said_in_plain_words_and_in_full_to_who_asks():
+    simap = toy_map()
+    source = "simulated network errors, light, seed 0"
+    made = {"name": "cafe, light errors", "segmentation": source, "simulated": True}
+    html = origin_html(replace(simap, provenance=made))
+    assert "masks with simulated errors on" in html and f'title="method {simap.method}; segmentation: {source}"' in html
+    assert ">cafe</div>" in html and ">simulated</span>" in html
+    assert html.replace(f"segmentation: {source}", "").count("light") == 0
+    real = origin_html(replace(simap, provenance={"name": "a room, with errors", "segmentation": "yolo11n-seg"}))
+    assert ">a room, with errors</div>" in real and "masks of yolo11n-seg on" in real and "simulated" not in real
 
 
 def test_a_long_name_is_shortened_and_told_in_full_to_who_asks():

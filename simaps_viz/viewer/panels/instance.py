@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from simaps_viz.colors.classes import plural
 from simaps_viz.drawing.frame_pictures import best_views, gallery, named, outlined
-from simaps_viz.drawing.legend import facts_html, object_names
+from simaps_viz.drawing.legend import count_text, facts_html, object_names
 from simaps_viz.drawing.surface import stack_at
 from simaps_viz.drawing.theme import BOX_STYLE, DIM_STYLE, small_html
 from simaps_viz.errors import CommandError, InputError
@@ -21,6 +21,7 @@ from simaps_viz.structures import Instance, SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel, button_row, by_person
 from simaps_viz.viewer.panels.command import CommandPanel
+from simaps_viz.viewer.panels.map import specks_on
 
 FIND = "Find"
 FIND_HINT = (
@@ -166,10 +167,9 @@ class FindBox(Panel):
     def _list(self, text: str, found: tuple[Instance, ...], scores: tuple[float, ...] = ()) -> None:
         self._words, self._found, self._scores = text, found, scores
         self._steps.visible = len(found) > 1
-        hidden = len({one.id for one in found} & {one.id for one in self._page.simap.hidden})
-        below = f", {hidden} of them below other things" if hidden else ""
         first, *others = found
-        many = f"{first.label}: {len(found)}{below}. Enter goes from one to the next."
+        count = count_text(self._page.simap, found, specks_on(self._page))
+        many = f"{first.label}: {count}. Enter goes from one to the next."
         self._report(many if others else f"Enter: {first.name}")
 
     def _forget(self) -> None:
@@ -271,7 +271,7 @@ class InstancePanel(Panel):
         self._note.visible = instance is not None
         self._note.content = small_html("Loading its best views …")
         self._why.visible = False
-        self._text.content = HELP if instance is None else facts_html(simap, instance)
+        self._text.content = HELP if instance is None else facts_html(simap, instance, specks_on(self._page))
         name = NOTHING if instance is None else instance.name
         if name not in self._list.options:
             self._ids = {name: instance.id, **self._ids} if instance is not None else self._ids

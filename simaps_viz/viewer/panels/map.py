@@ -26,13 +26,14 @@ from simaps_viz.structures import Instance, Room, SIMap
 from simaps_viz.viewer.page.page import MAX_RESOLUTION, MIN_RESOLUTION, Cut, Page, cut_of
 from simaps_viz.viewer.page.panel import Panel, button, button_row, by_person
 from simaps_viz.viewer.page.shared import Snapshot, same_instances
-from simaps_viz.viewer.scene.camera import SLANT, TOP
+from simaps_viz.viewer.scene.camera import SLANT, TOP, with_margin
 from simaps_viz.viewer.scene.map_scene import FULL_HEIGHT_M, Style
 
 EVERY_CLASS = "all classes"
 FINISH = "Show the finished map"
 BEFORE = "Before and after"
 BEFORE_HINT = "The map as it was before the slider was moved, and as it is; holding key B shows it before."
+STEP_HINT = "Go to the objects that the slider changed, one after the other; key T shows the whole map again."
 MAX_MOVED, OUTLINED_S = 3, 6.0
 """Classes whose new counts are named beside a moved slider, and for how long what changed is outlined."""
 DRAG_S = 1.5
@@ -55,11 +56,16 @@ LEGEND_STYLE = "border-block:1px solid rgba(128,128,128,.25);margin-bottom:.4em"
 class MapPanel(Panel):
     """The map's origin, the sliders that cut it into instances, and the legend of its colours."""
 
+    _in_space = False
+    _changed: tuple[int, ...] = ()
+    """What a moved slider changed, the largest first."""
+    _looked = 0
+    """Which of it is looked at, counted from 1."""
+
     def __init__(self, page: Page) -> None:
         """Fill the open container."""
         self._page = page
         self._rooms_shown: tuple[Room, ...] = ()
-        self._in_space = False
         self.faded: frozenset[str] = frozenset()
         """Classes that are dimmed."""
         self._other_mode: ColorMode = "photo"
@@ -96,6 +102,7 @@ class MapPanel(Panel):
         for slider in (self._k, self._resolution):
             by_person(slider, self._cut)
         self._change = gui.add_html("", visible=False)
+        self._step = button(gui, "", self._show_next, color="gray", visible=False, hint=STEP_HINT)
         self._peek = button(gui, BEFORE, self.peek, color="gray", visible=False, hint=BEFORE_HINT)
         icon = viser.Icon.ARROW_BACK_UP
         self._reset = button(gui, "Reset", self.reset, icon=icon, color="gray", visible=False)
@@ -192,6 +199,7 @@ class MapPanel(Panel):
     def _describe_change(self) -> None:
         was, now = self._was, self._shown
         self._change.visible = self._peek.visible = was is not None
+        self._step.visible, self._looked = False, 0
         if was is None:
             self._outline(now, ())
             return
@@ -202,6 +210,22 @@ class MapPanel(Panel):
         said = f"{at}. After, {cut_text(now, was[1], self._shown_cut)}: {said}" if self._peeking else f"{at}: {said}"
         self._change.content = f'<div class="simaps-change" data-shown="{escape(at)}">{_line(said)}</div>'
         self._outline(now, ids or edges)
+        self._changed = tuple(sorted(ids or edges, key=lambda i: (-now.by_id(i).cells, i)))
+        if self._changed:
+            self._step.label = f"Show each of {plural(len(self._changed), 'changed object')}"
+            self._step.visible = True
+
+    def _show_next(self) -> None:
+        """Look at the next of the objects that a moved slider changed, and outline it."""
+        known = {one.id: one for one in self._shown.instances}
+        if not all(i in known for i in self._changed) or not self._changed:
+            return
+        one = known[self._changed[self._looked % len(self._changed)]]
+        self._looked = self._looked % len(self._changed) + 1
+        self._step.label = f"{one.name} ({self._looked} of {len(self._changed)}): show the next"
+        self._outline(self._shown, (one.id,))
+        (xmin, ymin, _), (xmax, ymax, _) = one.aabb_m
+        self._page.viewpoints.look_at(with_margin((xmin, ymin, xmax, ymax), share=1.0, least_m=1.5))
 
     def _outline(self, simap: SIMap, ids: Sequence[int]) -> None:
         """Outline what changed, for a moment."""
@@ -360,6 +384,11 @@ def specks_of(simap: SIMap, frames: int, score: float = 0.0, cells: int = 0) -> 
     return frozenset(one.id for one in few)
 
 
+def specks_on(page: Page) -> frozenset[int]:
+    """Return the ids of the instances that a page does not count."""
+    return page.panels[MapPanel].specks(page.simap) if MapPanel in page.panels else frozenset()
+
+
 def without(simap: SIMap, ids: Collection[int]) -> SIMap:
     """Return a map without some instances, to count the others."""
     return replace(simap, instances=tuple(one for one in simap.instances if one.id not in ids)) if ids else simap
@@ -424,15 +453,17 @@ def origin_html(simap: SIMap) -> str:
     """Describe the origin of a map, with a badge if it is simulated."""
     name = title_of(simap)
     source = str(simap.provenance.get("segmentation", "unknown"))
-    badge = ""
+    badge, masks = "", f"masks of {escape(source)}"
     if simap.provenance.get("simulated"):
+        name, errors, _ = name.partition(", ") if name.endswith(" errors") else (name, "", "")
         badge = f'<span style="{BADGE_STYLE}">simulated</span> '
+        masks = "masks with simulated errors" if "errors" in source or errors else "simulated masks"
     return (
         '<div style="padding:.5em .8em 0;font-size:.85em;line-height:1.5;overflow-wrap:anywhere">'
         f'<div style="font-size:1.15em;font-weight:600">{escape(name)}</div>'
         f"<div>{ABOUT}</div>"
-        f"<div>method <b>{escape(simap.method)}</b> · {len(simap.frame_names)} frames · "
-        f"{simap.spec.cell_size_m * 100:g} cm cells</div><div>{badge}segmentation: {escape(source)}</div></div>"
+        f'<div title="method {escape(simap.method)}; segmentation: {escape(source)}">{badge}{masks} on '
+        f"{len(simap.frame_names)} frames · {simap.spec.cell_size_m * 100:g} cm cells</div></div>"
     )
 
 
