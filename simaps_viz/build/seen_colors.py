@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from simaps_viz.appearance import Appearance
 from simaps_viz.datasets.source import FrameSource, Unreadable, read_each
 from simaps_viz.mapping.accumulator import ProjectionSettings
+from simaps_viz.mapping.partition import owner_of_community
 from simaps_viz.mapping.projection import ON_A_STEP, STEPS_PER_M, project_pixels
 from simaps_viz.mapping.space import first_of_cells
 from simaps_viz.mapping.surface import UNSEEN, Surface, coded_colors, owned_runs
@@ -66,14 +67,14 @@ def choose_frames(simap: SIMap) -> list[int]:
     """
     # The objects of the views: a community lies in one instance.
     views, frames = simap.views, len(simap.frame_names)
-    of_community = instance_by_community(simap)
-    named = of_community[views.community] > 0
-    one, frame_of = of_community[views.community[named]], views.frame[named]
+    owner = owner_of_community(simap)
+    named = owner[views.community] > 0
+    one, frame_of = owner[views.community[named]], views.frame[named]
     pair, at = np.unique(one * frames + frame_of, return_inverse=True)
     cells = np.bincount(at, (views.cells * views.score)[named]) if len(pair) else np.zeros(0)
     one, frame_of = pair // frames, pair % frames
     # Greedily, as long as a frame adds something.
-    best = np.zeros(len(of_community))
+    best = np.zeros(len(owner))
     np.maximum.at(best, one, cells)
     share = cells / np.maximum(best[one], 1e-9)
     shown = np.zeros(len(best))
@@ -91,15 +92,6 @@ def choose_frames(simap: SIMap) -> list[int]:
         here = frame_of == frame
         shown[one[here]] += share[here]
     return sorted(chosen)
-
-
-def instance_by_community(simap: SIMap) -> NDArray:
-    """Return the instance of each finest community, int64 [n], by its number; 0 = none."""
-    community, instance = simap.community.reshape(-1), simap.instance.reshape(-1)
-    cell = np.flatnonzero(community)  # few of the cells of a building
-    found = np.zeros(int(max(community.max(initial=0), simap.views.community.max(initial=0))) + 1, np.int64)
-    found[community[cell]] = instance[cell]
-    return found
 
 
 def project_every_second(frame: Frame, simap: SIMap, T_map_camera: NDArray) -> tuple[NDArray, NDArray]:

@@ -155,7 +155,7 @@ class TwoPictures:
         image = cells.repeat(n, axis=0).repeat(n, axis=1)
         if n >= 3:
             large = ids.repeat(n, axis=0).repeat(n, axis=1)
-            rim = (large > 0) & (_borders(large, max(1, n // 4)))
+            rim = rims_of(large, max(1, n // 4))
             image[rim] = (image[rim] * RIM).astype(np.uint8)
         return image
 
@@ -223,10 +223,10 @@ def _swiped(left: NDArray, right: NDArray, share: float, scale: int, colors: tup
     return body
 
 
-def _borders(ids: NDArray, thick: int) -> NDArray:
-    """Bool: pixels from which another id is at most ``thick`` pixels away, along rows and columns."""
+def rims_of(ids: NDArray, thick: int = 1) -> NDArray:
+    """Bool: pixels of an instance from which another, or none, is ``thick`` pixels away along its row or column."""
     padded = np.pad(ids, thick)
     high, wide = ids.shape
     inner = padded[thick : thick + high, thick : thick + wide]
     shifts = ((0, thick), (2 * thick, thick), (thick, 0), (thick, 2 * thick))
-    return np.logical_or.reduce([inner != padded[r : r + high, c : c + wide] for r, c in shifts])
+    return (inner > 0) & np.logical_or.reduce([inner != padded[r : r + high, c : c + wide] for r, c in shifts])

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from simaps_viz.colors.classes import class_color
 from simaps_viz.colors.palette import Color
 from simaps_viz.drawing.sheet import fitting, width_of, write
+from simaps_viz.mapping.partition import owner_of_community
 from simaps_viz.structures import Segment, Segmentation, SIMap, Views
 
 ColorBy = Literal["class", "confidence"]
@@ -162,16 +163,6 @@ def _deepest(mask: NDArray) -> tuple[float, float]:
     depth = cv2.distanceTransform(mask, cv2.DIST_L2, 3)
     _, _, _, place = cv2.minMaxLoc(depth)
     return float(place[0]), float(place[1])
-
-
-def owner_of_community(simap: SIMap) -> NDArray:
-    """Return int32 [communities + 1]: the instance that each finest community belongs to now, 0 = none."""
-    size = max(int(simap.community.max(initial=0)), int(simap.views.community.max(initial=0))) + 1
-    owner = np.zeros(size, np.int32)
-    inside = simap.community > 0
-    owner[simap.community[inside]] = simap.instance[inside]
-    owner[0] = 0
-    return owner
 
 
 @dataclass(frozen=True)

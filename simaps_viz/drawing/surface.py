@@ -183,8 +183,7 @@ def ray_on_blocks(simap: SIMap, origin: ArrayLike, direction: ArrayLike) -> tupl
     points = o + steps[:, None] * d
 
     # The first that is inside a block.
-    col = np.floor((points[:, 0] - simap.spec.x0_m) / simap.spec.cell_size_m).astype(int)
-    row = np.floor((points[:, 1] - simap.spec.y0_m) / simap.spec.cell_size_m).astype(int)
+    row, col = simap.spec.cells_of(points[:, :2])
     inside = (row >= 0) & (row < simap.spec.rows) & (col >= 0) & (col < simap.spec.cols)
     met = np.zeros(len(steps), bool)
     met[inside] = points[inside, 2] <= height[row[inside], col[inside]]

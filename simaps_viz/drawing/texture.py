@@ -233,8 +233,7 @@ def photo(simap: SIMap, theme: Theme = LIGHT) -> NDArray:
     points, spec = space_points(simap), simap.spec
 
     def compute() -> NDArray:
-        col = np.floor((points.positions[:, 0] - spec.x0_m) / spec.cell_size_m).astype(np.int64)
-        row = np.floor((points.positions[:, 1] - spec.y0_m) / spec.cell_size_m).astype(np.int64)
+        row, col = spec.cells_of(points.positions[:, :2])
         inside = np.flatnonzero((row >= 0) & (row < spec.rows) & (col >= 0) & (col < spec.cols))
         order = inside[np.argsort(points.positions[inside, 2], kind="stable")]  # the highest is written last
         image = np.zeros((*spec.shape, 4), np.uint8)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.appearance import Appearance, unit
-from simaps_viz.build.seen_colors import instance_by_community, with_colors
+from simaps_viz.build.seen_colors import with_colors
 from simaps_viz.datasets.source import FrameSource, Unreadable, read_each
 from simaps_viz.embedding.search import STOCK
 from simaps_viz.embedding.towers import Embedding, remember
@@ -22,6 +22,7 @@ from simaps_viz.errors import InputError
 from simaps_viz.events import Progress
 from simaps_viz.geometry import upright_turns
 from simaps_viz.mapping.file import save_map
+from simaps_viz.mapping.partition import owner_of_community
 from simaps_viz.structures import Frame, Segmentation, SIMap
 
 MAX_VIEWS = 4
@@ -99,10 +100,9 @@ def choose_views(simap: SIMap) -> dict[int, list[tuple[int, int, float]]]:
         {index of frame: [(position in ``simap.instances``, segment, that share)]}.
     """
     views = simap.views
-    of_community = instance_by_community(simap)
     seen_by_segment: dict[tuple[int, int], int] = defaultdict(int)
     by_object: dict[int, dict[tuple[int, int], list[float]]] = defaultdict(lambda: defaultdict(lambda: [0.0, 0.0]))
-    columns = (of_community[views.community], views.frame, views.segment, views.cells, views.score)
+    columns = (owner_of_community(simap)[views.community], views.frame, views.segment, views.cells, views.score)
     for one, frame, segment, cells, score in zip(*(column.tolist() for column in columns), strict=True):
         seen_by_segment[frame, segment] += cells
         if one:

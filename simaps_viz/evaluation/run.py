@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from simaps_viz.colors.palette import Color
 from simaps_viz.datasets.open import open_sequence
 from simaps_viz.datasets.sequence import PosedFrames
+from simaps_viz.drawing.compare_picture import rims_of
 from simaps_viz.drawing.sheet import INK, PALE_INK, WORDS, Sheet, save_png, width_of
 from simaps_viz.drawing.theme import LIGHT
 from simaps_viz.errors import InputError
@@ -260,7 +261,7 @@ def panel_image(panel: Panel, scale: int) -> NDArray:
     marked |= (verdict == _ORDER.index(Verdict.PIECE)) & (row % (4 * dot) < dot) & (col % (4 * dot) < dot)
     dark = image[marked].astype(int).sum(axis=-1, keepdims=True) < _DARK
     image[marked] = np.where(dark, 255, INK)
-    rim = _rim(ids)
+    rim = rims_of(ids)
     image[rim] = (image[rim] * RIM).astype(np.uint8)
     wrong = np.isin(verdict, [_ORDER.index(Verdict.MERGED), _ORDER.index(Verdict.WRONG)])
     image[_outline(wrong, scale)] = WRONG_RED
@@ -313,14 +314,6 @@ def _layout(comparison: Comparison) -> tuple[int, list[tuple[str, list[Panel | N
         for start in range(0, len(shown), across):
             lines.append((title if start == 0 else "", shown[start : start + across]))
     return across, lines
-
-
-def _rim(ids: NDArray) -> NDArray:
-    """Bool: pixels of an instance that touch another, or none."""
-    padded = np.pad(ids, 1)
-    inner = padded[1:-1, 1:-1]
-    sides = (padded[:-2, 1:-1], padded[2:, 1:-1], padded[1:-1, :-2], padded[1:-1, 2:])
-    return (inner > 0) & np.logical_or.reduce([inner != side for side in sides])
 
 
 def _outline(mask: NDArray, scale: int) -> NDArray:

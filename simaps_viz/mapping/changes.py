@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from simaps_viz.mapping.partition import owner_of_community
 from simaps_viz.mapping.steps import FrameList
 from simaps_viz.structures import Instance, Point, SIMap
 
@@ -170,9 +171,7 @@ class _Sightings:
 
 def _sightings(simap: SIMap) -> dict[int, _Sightings]:
     views = simap.views
-    of_community = np.zeros(int(simap.community.max(initial=0)) + 1, np.int32)
-    of_community[simap.community.reshape(-1)] = simap.instance.reshape(-1)
-    one, frame = of_community[views.community], views.frame.astype(np.int64)
+    one, frame = owner_of_community(simap)[views.community], views.frame.astype(np.int64)
     key, cells = (frame << 32) + views.segment, views.cells.astype(np.int64)
     return {i.id: _Sightings(frame[at], key[at], cells[at]) for i in simap.instances if (at := one == i.id).any()}
 

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from simaps_viz.structures import Grid, Instance, MergeLog, Views
+from simaps_viz.structures import Grid, Instance, MergeLog, SIMap, Views
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +124,15 @@ def _follow(
         if smallest[at] < 0:  # communities are met in ascending order
             smallest[at] = community
     return smallest[root]
+
+
+def owner_of_community(simap: SIMap) -> NDArray:
+    """Return int64 [communities + 1]: the instance that each finest community belongs to now, 0 = none."""
+    community, instance = simap.community.reshape(-1), simap.instance.reshape(-1)
+    cell = np.flatnonzero(community)  # few of the cells of a building
+    owner = np.zeros(max(int(community.max(initial=0)), int(simap.views.community.max(initial=0))) + 1, np.int64)
+    owner[community[cell]] = instance[cell]
+    return owner
 
 
 def describe_instances(grid: Grid, instance: NDArray, views: Views, instance_of: NDArray) -> tuple[Instance, ...]:

@@ -264,11 +264,3 @@ def test_lost_and_unpaired_frames_are_told(tmp_path: Path) -> None:
         "sens": ("1 of 5 frames have no pose, tracking was lost: left out",),
         "polycam": ("1 of 5 pictures have no depth: left out",),
     }
-
-
-@pytest.mark.parametrize("index", [-1, 4])
-def test_no_such_frame(tmp_path: Path, index: int) -> None:
-    sequence = open_sequence(replica(tmp_path).path)
-    for read in (sequence.read, sequence.color, sequence.segmentation):
-        with pytest.raises(InputError, match=f"a frame index from 0 to 3, found {index}"):
-            read(index)

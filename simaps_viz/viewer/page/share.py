@@ -22,7 +22,7 @@ from PIL import Image
 from simaps_viz.colors.classes import plural
 from simaps_viz.colors.instances import instance_colors
 from simaps_viz.colors.palette import Color
-from simaps_viz.drawing.frame_pictures import communities_unseen_until, owner_of_community
+from simaps_viz.drawing.frame_pictures import communities_unseen_until
 from simaps_viz.drawing.legend import counts_text, legend_html, title_of
 from simaps_viz.drawing.sheet import PALE_INK, PAPER, Sheet, png_bytes
 from simaps_viz.drawing.texture import map_image
@@ -30,6 +30,7 @@ from simaps_viz.drawing.theme import LIGHT
 from simaps_viz.errors import CommandError, InputError
 from simaps_viz.events import Progress
 from simaps_viz.mapping.methods import method_of
+from simaps_viz.mapping.partition import owner_of_community
 from simaps_viz.navigation.agent import Answer, outcome_text
 from simaps_viz.navigation.trajectory import Trajectory, poses_along, trajectory, trajectory_of_steps
 from simaps_viz.structures import GridSpec, Pose2, SIMap
