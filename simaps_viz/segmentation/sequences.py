@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.datasets.source import OtherMasks
@@ -31,11 +30,34 @@ KEPT = 4
 """Frames whose raw outputs are kept; they take some ten megabytes each."""
 
 
-class _Raw(NamedTuple):
-    outputs: Any
+class _Shown(NamedTuple):
+    """A frame on its way through a network."""
+
+    index: int
+    frame: Frame | None
+    """Where floor and walls are named by geometry."""
     shape: tuple[int, int]
     turns: int
-    frame: Frame | None
+    """Quarter turns that made the picture stand upright."""
+    tensors: Any
+    """The network's input, then its outputs."""
+
+
+def _prepared(sequence: PosedFrames, network: Network, index: int, *, by_geometry: bool) -> _Shown:
+    frame, turns = sequence.read(index) if by_geometry else None, quarter_turns(sequence, index)
+    color = turned(sequence.color(index), turns)
+    return _Shown(index, frame, color.shape[:2], turns, network.prepare(color))
+
+
+def _inferred(network: Network, shown: _Shown) -> _Shown:
+    return shown._replace(tensors=network.infer(shown.tensors))
+
+
+def _decoded(sequence: PosedFrames, network: Network, shown: _Shown) -> Segmentation:
+    found = network.decode(shown.tensors, *shown.shape).turned(-shown.turns)
+    if shown.frame is None:
+        return found
+    return add_stuff(shown.frame, found, sequence.T_map_world @ shown.frame.T_world_camera)
 
 
 class FrameTuner:
@@ -55,7 +77,7 @@ class FrameTuner:
         if not isinstance(network, Adjustable):
             raise InputError(f"{network.name}: expected a network with thresholds, found one that has none")
         self._sequence, self._network, self._by_geometry = sequence, network, by_geometry
-        self._raw: OrderedDict[int, _Raw] = OrderedDict()
+        self._raw: OrderedDict[int, _Shown] = OrderedDict()
         self._lock = threading.Lock()
         self.runs = 0
         """How often the network ran."""
@@ -77,20 +99,14 @@ class FrameTuner:
         for key in thresholds:
             if key not in known:
                 raise InputError(f"{self._network.name}: expected thresholds {', '.join(known)}, found {key}")
-        raw = self._output(index)
-        found = network.adjusted(thresholds).decode(raw.outputs, *raw.shape).turned(-raw.turns)
-        if raw.frame is not None:
-            found = add_stuff(raw.frame, found, self._sequence.T_map_world @ raw.frame.T_world_camera)
-        return found
+        return _decoded(self._sequence, network.adjusted(thresholds), self._output(index))
 
-    def _output(self, index: int) -> _Raw:
+    def _output(self, index: int) -> _Shown:
         with self._lock:
             if index not in self._raw:
-                color, turns = _upright(self._sequence, index)
-                frame = self._sequence.read(index) if self._by_geometry else None
-                outputs = self._network.infer(self._network.prepare(color))
+                ready = _prepared(self._sequence, self._network, index, by_geometry=self._by_geometry)
+                self._raw[index] = _inferred(self._network, ready)
                 self.runs += 1
-                self._raw[index] = _Raw(outputs, color.shape[:2], turns, frame)
             self._raw.move_to_end(index)
             while len(self._raw) > KEPT:
                 self._raw.popitem(last=False)
@@ -244,50 +260,25 @@ def quarter_turns(sequence: PosedFrames, index: int) -> int:
     return upright_turns(sequence.T_map_world @ sequence.poses[index])
 
 
-def _upright(sequence: PosedFrames, index: int) -> tuple[NDArray, int]:
-    """Return a frame's picture as people and networks want to see it, and the quarter turns that took."""
-    turns = quarter_turns(sequence, index)
-    return turned(sequence.color(index), turns), turns
-
-
-class _Ready(NamedTuple):
-    index: int
-    frame: Frame | None
-    shape: tuple[int, int]
-    turns: int
-    prepared: Any
-
-
 def segmented(
     sequence: PosedFrames, network: Network, indices: Sequence[int], *, by_geometry: bool
 ) -> Iterator[tuple[int, Segmentation]]:
     """Segment frames in the given order, and give each with its index as soon as it is done."""
-
-    def prepare(index: int) -> _Ready:
-        frame = sequence.read(index) if by_geometry else None
-        color, turns = _upright(sequence, index)
-        return _Ready(index, frame, color.shape[:2], turns, network.prepare(color))
-
-    def finish(ready: _Ready, outputs: Any) -> tuple[int, Segmentation]:
-        found = network.decode(outputs, *ready.shape).turned(-ready.turns)
-        if ready.frame is not None:
-            found = add_stuff(ready.frame, found, sequence.T_map_world @ ready.frame.T_world_camera)
-        return ready.index, found
-
     with ThreadPoolExecutor(1, "prepare") as before, ThreadPoolExecutor(1, "decode") as after:
-        waiting: deque[Future[_Ready]] = deque()
-        finishing: deque[Future[tuple[int, Segmentation]]] = deque()
+        waiting: deque[Future[_Shown]] = deque()
+        finishing: deque[tuple[int, Future[Segmentation]]] = deque()
         ahead = iter(indices)
         try:
             for _ in range(len(indices)):
                 while len(waiting) < PREPARED_AHEAD and (index := next(ahead, None)) is not None:
-                    waiting.append(before.submit(prepare, index))
-                ready = waiting.popleft().result()
-                finishing.append(after.submit(finish, ready, network.infer(ready.prepared)))
-                while finishing and (finishing[0].done() or len(finishing) > 1):
-                    yield finishing.popleft().result()
-            while finishing:
-                yield finishing.popleft().result()
+                    waiting.append(before.submit(_prepared, sequence, network, index, by_geometry=by_geometry))
+                shown = _inferred(network, waiting.popleft().result())
+                finishing.append((shown.index, after.submit(_decoded, sequence, network, shown)))
+                while finishing and (finishing[0][1].done() or len(finishing) > 1):
+                    done, found = finishing.popleft()
+                    yield done, found.result()
+            for done, found in finishing:
+                yield done, found.result()
         finally:
             for future in waiting:
                 future.cancel()
