@@ -40,7 +40,12 @@ def test_the_plant_under_the_table_is_an_object_of_its_own(simap):
     assert box_in(simap, PLANT) == plant.box and box_in(toy_map(), 1) is None
     assert plant.name == f"potted plant {PLANT}" and object_names(simap)[plant.name] == PLANT
     words = facts_html(simap, plant)
-    assert "dining table 6" in words and "one of 2" in words and "Under" in words and "from 0.0" in words
+    assert (
+        "dining table 6" in words
+        and "one of 1, and 1 below other things" in words
+        and "Under" in words
+        and "from 0.0" in words
+    )
 
 
 def test_points_have_the_colours_they_were_seen_in(simap):
