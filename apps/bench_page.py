@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import tyro
 from benchmarks import page as page_bench
-from benchmarks.large_maps import large_map
+from benchmarks.large_maps import large_map, surfaced
 
 from simaps_viz import BuildConfig, open_sequence
 from simaps_viz.app import workbench
@@ -24,6 +24,8 @@ class BenchPage:
     """Rows and columns of the map of a million cells."""
     huge: int = 4000
     """Rows and columns of a map with ten thousand objects; 0 leaves it out."""
+    room: int = 800
+    """Rows and columns of a map of two million points in the 3-D view; 0 leaves it out."""
 
 
 def main(config: BenchPage) -> None:
@@ -40,6 +42,11 @@ def main(config: BenchPage) -> None:
         say(page_bench.click(browser, cafe, recording, runs=runs))
         say(page_bench.click(browser, million, None, runs=runs))
         say(*page_bench.frames_in_step(browser, cafe, recording, runs=runs))
+        if config.room:
+            few, many = (surfaced(large_map(side, side, side * side // 400)) for side in (100, config.room))
+            for line in page_bench.room(browser, few, many):
+                sys.stdout.write(f"{line}\n")
+                sys.stdout.flush()
         if config.huge:
             huge = large_map(config.huge, config.huge, 10_500, edges=False)
             say(page_bench.first_page(browser, huge, None, runs=min(runs, 2)))

@@ -1,9 +1,13 @@
 """Made-up maps as large as asked for, to see what the page does with them. Simulated: no camera saw them."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.mapping.projection import STEPS_PER_M
 from simaps_viz.mapping.simap import Origin, assemble
+from simaps_viz.mapping.surface import Surface
 from simaps_viz.structures import CellGraph, Grid, GridSpec, MergeLog, SIMap, Views
 
 CLASSES = ("chair", "dining table", "couch", "potted plant", "bed", "tv", "book", "lamp", "bench", "shelf")
@@ -54,6 +58,16 @@ def large_map(rows: int, cols: int, objects: int, *, seed: int = 0, edges: bool 
             T_map_camera=_cameras(spec),
         ),
     )  # fmt: skip
+
+
+def surfaced(simap: SIMap) -> SIMap:
+    """Give a map the surface that cameras would see of its columns: their tops, and their sides above neighbours."""
+    top = np.floor(np.nan_to_num(simap.grid.height_m) * STEPS_PER_M + 0.01).astype(np.int8)
+    p = np.pad(top, 1, mode="edge")
+    foot = np.minimum.reduce([p[:-2, 1:-1], p[2:, 1:-1], p[1:-1, :-2], p[1:-1, 2:]])
+    cell = np.arange(top.size, dtype=np.int32)
+    low = np.minimum(foot + 1, top).astype(np.int8)
+    return replace(simap, surface=Surface(simap.spec, cell, low.reshape(-1), top.reshape(-1), np.zeros_like(cell)))
 
 
 def _boxes(spec: GridSpec, objects: int, rng: np.random.Generator) -> tuple[NDArray, NDArray]:

@@ -12,6 +12,7 @@ import numpy as np
 from checks.film import filmed
 
 from simaps_viz.app.workbench import open_workbench
+from simaps_viz.drawing.surface import layers
 from simaps_viz.structures import Instance, SIMap
 
 if TYPE_CHECKING:
@@ -189,6 +190,51 @@ def frames_in_step(browser: "Browser", simap: SIMap, recording: Path, *, runs: i
         Timing("frame on the page to frame in the recording", 0.6, there[1:]),
         Timing("frame in the recording to frame on the page", 0.6, back[1:]),
     )
+
+
+TURNED_S = 20.0
+ALL_POINTS = """(count) => {
+  const nodes = window.__viserMutable.nodeRefFromName;
+  return [...Array(count).keys()].every((number) => nodes[`/surface/${number}`]);
+}"""
+PICTURES = """(ms) => { window.pictures = new Promise((done) => {
+  const start = performance.now();
+  let count = 0;
+  const tick = (now) => {
+    count += 1;
+    if (now - start < ms) window.requestAnimationFrame(tick); else done(1000 * count / (now - start));
+  };
+  window.requestAnimationFrame(tick);
+}); }"""
+
+
+def room(browser: "Browser", few: SIMap, many: SIMap) -> Iterator[str]:
+    """Turn the rooms of two maps with surfaces in the 3-D view; the graphics are software, so only ratios count."""
+    rates = []
+    for simap in (few, many):
+        with opened(browser, simap) as (page, _workbench):
+            page.wait_for_timeout(SETTLED_MS)
+            start = time.perf_counter()
+            page.get_by_role("button", name="3-D view").click()
+            page.wait_for_function(ALL_POINTS, arg=len(layers(simap, simap.points())))
+            page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+            first_s = time.perf_counter() - start
+            page.evaluate(PICTURES, 1000 * TURNED_S)
+            page.mouse.move(WIDTH / 4, HEIGHT / 2)
+            page.mouse.down()
+            start, step = time.perf_counter(), 0
+            while time.perf_counter() - start < TURNED_S:
+                step += 1
+                page.mouse.move(WIDTH / 4 + 20 * (step % 10), HEIGHT / 2)
+            page.mouse.up()
+            rates.append(page.evaluate("() => window.pictures"))
+            heap = page.evaluate("() => performance.memory.usedJSHeapSize")
+            points = len(simap.points().positions)
+        yield (
+            f"room in 3-D, {points / 1e6:.2f} M points: first picture {first_s:.1f} s after the click, "
+            f"{rates[-1]:.2f} pictures a second while it is turned ({rates[-1] / rates[0]:.2f} x), "
+            f"{heap / 1e6:.0f} MB of scripts beside {points * 15 / 1e6:.0f} MB of points"
+        )
 
 
 def _cells(simap: SIMap) -> str:
