@@ -2,16 +2,10 @@
 
 rerun runs every program on the PATH whose name begins with ``rerun-importer-`` with the path of a file it does not know
 itself, and reads a recording from its standard output. The exit status 66 means that the file is for somebody else.
-
-Before 0.32 the name began with ``rerun-loader-``. Later versions run programs of both names at once, and say in their
-log that the old name is deprecated; a map would be shown twice. So ``rerun-loader-simaps`` answers only a rerun that
-knows no importers.
 """
 
 import argparse
 import os
-import re
-import subprocess
 import sys
 import zipfile
 from collections.abc import Sequence
@@ -20,21 +14,13 @@ from pathlib import Path
 NOT_MINE = 66
 """Exit status that rerun expects of a program that cannot open a file."""
 FAILED = 1
-IMPORTER, LOADER = "rerun-importer-simaps", "rerun-loader-simaps"
-FIRST_WITH_IMPORTERS = (0, 32)
-"""Version of rerun."""
-_PATIENCE_S = 10.0
+NAME = "rerun-importer-simaps"
 _MEMBERS = {"metadata.npy", "label.npy", "instance.npy"}
 
 
-def loader(arguments: Sequence[str] | None = None) -> int:
-    """Do as `main` does under the old name, but for a rerun that runs `main` as well; returns the exit status."""
-    return NOT_MINE if knows_importers(_program_of(os.getppid())) else main(arguments, name=LOADER)
-
-
-def main(arguments: Sequence[str] | None = None, *, name: str = IMPORTER) -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     """Write a map as a recording to standard output; returns the exit status."""
-    options = _parse(arguments, name)
+    options = _parse(arguments)
     if not is_map(options.path):
         return NOT_MINE
     from simaps_viz.errors import SIMapsError  # noqa: PLC0415 - other programs' files are turned away before
@@ -42,7 +28,7 @@ def main(arguments: Sequence[str] | None = None, *, name: str = IMPORTER) -> int
     try:
         _write(options)
     except SIMapsError as error:
-        sys.stderr.write(f"{name}: {error}\n")
+        sys.stderr.write(f"{NAME}: {error}\n")
         return FAILED
     except BrokenPipeError:  # rerun was closed
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -61,39 +47,9 @@ def is_map(path: Path) -> bool:
         return False
 
 
-def knows_importers(program: Path | None) -> bool:
-    """Return whether the program that asks for a file is a rerun that runs programs of the new name, too.
-
-    Args:
-        program: its path, or None where that cannot be told (on Windows). What is no rerun is taken for a script that
-            uses this environment's rerun-sdk, which does.
-    """
-    if program is None or not program.name.lower().startswith("rerun"):
-        return True
-    try:
-        command = [str(program), "--version"]
-        said = subprocess.run(command, capture_output=True, text=True, check=False, timeout=_PATIENCE_S).stdout
-    except (OSError, subprocess.SubprocessError, UnicodeDecodeError):
-        return True
-    version = re.match(r"rerun(?:-cli)? (\d+)\.(\d+)\.", said)
-    return version is None or (int(version[1]), int(version[2])) >= FIRST_WITH_IMPORTERS
-
-
-def _program_of(process: int) -> Path | None:
-    """Find the program a process runs; None where the system does not tell."""
-    try:
-        if sys.platform.startswith("linux"):
-            return Path(os.readlink(f"/proc/{process}/exe"))
-        command = ["ps", "-o", "comm=", "-p", str(process)]
-        said = subprocess.run(command, capture_output=True, text=True, check=True, timeout=_PATIENCE_S).stdout
-        return Path(said.strip())
-    except (OSError, subprocess.SubprocessError, UnicodeDecodeError):
-        return None
-
-
-def _parse(arguments: Sequence[str] | None, name: str) -> argparse.Namespace:
+def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
-        prog=name,
+        prog=NAME,
         description="Lets rerun open map files: rerun map.npz. Run by rerun itself; writes a recording to stdout.",
     )
     parser.add_argument("path", type=Path)

@@ -22,9 +22,8 @@ from simaps_viz.cli.main import main
 from simaps_viz.cli.recordings import Recordings, find_recording, is_recorded_build, open_alone
 from simaps_viz.errors import InputError
 from simaps_viz.mapping.file import save_map
-from simaps_viz.recorder import importer
 from simaps_viz.recorder.facts import RecordingFacts, read_facts
-from simaps_viz.recorder.importer import NOT_MINE, is_map, knows_importers
+from simaps_viz.recorder.importer import NOT_MINE, is_map
 from simaps_viz.recorder.library import RecordingLibrary, recording_folders
 from simaps_viz.recorder.recorder import RerunRecorder
 
@@ -367,52 +366,4 @@ def test_rerun_itself_opens_a_map(map_file, tmp_path):
     program(tmp_path / "bin" / "rerun-importer-simaps", IMPORTER)
     said = open_with_rerun(map_file, tmp_path / "bin", tmp_path / "out.rrd")
     assert "deprecated" not in said
-    assert "/world/objects" in columns(tmp_path / "out.rrd")
-
-
-def test_with_the_old_name_beside_it_a_map_is_still_loaded_once(map_file, tmp_path):
-    """rerun runs both programs, with the same recording id."""
-    program(tmp_path / "bin" / "rerun-importer-simaps", IMPORTER)
-    program(tmp_path / "bin" / "rerun-loader-simaps", IMPORTER.replace("main", "loader"))
-    said = open_with_rerun(map_file, tmp_path / "bin", tmp_path / "out.rrd")
-    assert said.count("deprecated") == 1 and "rerun-loader-simaps" in said, "rerun saw the old name"
-    times = [chunk.entity_path for chunk in rc.RrdReader(tmp_path / "out.rrd").stream()].count("/world/objects")
-    assert times == 1
-
-
-@pytest.mark.parametrize(
-    ("name", "version", "expected"),
-    [
-        ("rerun", "rerun-cli 0.31.4 (base native_viewer) [rustc 1.92.0]", False),
-        ("rerun.exe", "rerun-cli 0.9.1", False),
-        ("rerun", "rerun-cli 0.32.0-rc.1 (base)", True),
-        ("rerun", "rerun-cli 0.41.0 (base)", True),
-        ("rerun", "rerun-cli 1.0.0", True),
-        ("rerun", "something else", True),
-        ("python3.11", "rerun-cli 0.31.4", True),
-    ],
-)
-def test_which_rerun_runs_programs_of_the_new_name_is_told_by_its_version(tmp_path, name, version, expected):
-    assert knows_importers(program(tmp_path / name, f"print({version!r})")) is expected
-
-
-def test_who_asks_is_the_program_of_the_process_and_may_stay_unknown(tmp_path):
-    assert knows_importers(None) and knows_importers(tmp_path / "rerun")
-    found = importer._program_of(os.getpid())
-    assert found is not None and found.samefile(sys.executable)
-    with subprocess.Popen([sys.executable, "-c", ""]) as ended:
-        ended.wait()
-    assert importer._program_of(ended.pid) is None
-
-
-def test_an_older_rerun_is_answered_under_the_old_name(map_file, tmp_path):
-    old = program(tmp_path / "rerun", "print('rerun-cli 0.31.4 (base)')")
-    asked = f"""
-import pathlib, sys
-from simaps_viz.recorder import importer
-importer._program_of = lambda process: pathlib.Path({str(old)!r})
-sys.exit(importer.loader())"""
-    done = subprocess.run([sys.executable, "-c", asked, str(map_file)], capture_output=True, check=False, timeout=600)
-    assert done.returncode == 0, done.stderr
-    (tmp_path / "out.rrd").write_bytes(done.stdout)
     assert "/world/objects" in columns(tmp_path / "out.rrd")
