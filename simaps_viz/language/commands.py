@@ -431,7 +431,8 @@ def _unheard(sentence: Sentence, program: str) -> str:
             return " ".join(sentence.words[at:end])
         if kinds <= {"NOUN", "NOUNS"}:
             noun = longest[0].value
-            names = (noun.label, noun.spoken, noun.wide, *noun.others)
+            seats = ("seat",) if noun.label == "person" else ()  # "a table for six people"
+            names = (noun.label, noun.spoken, noun.wide, *noun.others, *seats)
             if not any(quoted(name) in program for name in names):
                 return " ".join(sentence.words[at:end])
         at = end

@@ -691,7 +691,11 @@ def _towards_corner(corner: float) -> Parts:
 
 @_rule("relation", "_at? _dets side (SIDE | END)? (OF | FROM) np", cost=-0.05)
 def _side_of(side: str, np: Phrase) -> Parts:
-    return _filter(f'side({{}}, "{side}", {np.argument})', np, of="" if np.is_room else np.argument)
+    if np.is_room:
+        return _filter(f'side({{}}, "{side}", {np.argument})', np)
+    return _filter(
+        f'side({{}}, "{side}", {np.argument})', np, of=np.argument, definite=f'side({{}}, "{side}", {np.definite})'
+    )
 
 
 @_rule("relation", "_at? _dets FAREND OF np", cost=0.1)
@@ -734,12 +738,12 @@ def _at_back() -> Parts:
 
 @_rule("relation", "FRONT np")
 def _in_front(np: Phrase) -> Parts:
-    return _filter(f'side({{}}, "front", {np.argument})', np, of=np.argument)
+    return _side_of("front", np)
 
 
 @_rule("relation", "BEHIND np")
 def _behind(np: Phrase) -> Parts:
-    return _filter(f'side({{}}, "behind", {np.argument})', np, of=np.argument)
+    return _side_of("behind", np)
 
 
 @_rule("relation", "near:NEAR np", "_near np")
@@ -869,6 +873,12 @@ def _abreast() -> Parts:
 @_rule("relation", "(FROM | TO)? HERE | EXIST HERE? | (IN | ON | OF) DET* MAP")
 def _anywhere() -> Parts:
     return ()
+
+
+@_rule("relation", "OUTSIDE room")
+def _outside(room: Phrase) -> Parts:
+    """Read "how many laptops are outside of the office"."""
+    return _filter(f"minus({{}}, inside({{}}, {room.text}))", room)
 
 
 @_rule("relation", "ANYWHERE? IN here:HERE")
@@ -1306,7 +1316,7 @@ def _compound(of: Noun, noun: Noun, pre: Sequence[Parts] = (), post: Sequence[Pa
     return select(noun, parts)
 
 
-@_rule("thing", "_dets pre* noun FOR n:whole post*", "_dets pre* noun FOR np post*", cost=-0.2)
+@_rule("thing", "_dets pre* noun (_is? ONLY | WITH ROOM)? FOR (n:whole | np) post*", cost=-0.2)
 def _for_so_many(
     noun: Noun, n: int = 0, np: Phrase | None = None, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()
 ) -> Phrase:
@@ -1497,7 +1507,7 @@ def _this_room() -> Phrase:
     return Phrase("room()", "rooms()", "room", whole="rooms()")
 
 
-@_rule("room", "_dets OTHER (ROOM | name:ROOMKIND)", cost=-0.3)
+@_rule("room", "_dets OTHER (ROOM | name:ROOMKIND)", "_dets ROOM NEXTDOOR", cost=-0.3)
 def _other_room(name: str = "") -> Phrase:
     if name:
         return Phrase(f"first(minus(rooms({quoted(name)}), room()))", f"rooms({quoted(name)})", name)

@@ -911,6 +911,12 @@ def _is_there(np: Phrase, exist: str = "is") -> Steps:
     return _told(np, "whether")
 
 
+@_rule("question", "IS HERE IN room", cost=-0.2)
+def _are_you_in(room: Phrase) -> Steps:
+    """Read "are you in the kitchen?"."""
+    return (Do(('tell(distance({0.argument}) == 0, "whether")',), (room,)),)
+
+
 @_rule("question", "EXIST DET* room")
 def _is_there_room(room: Phrase) -> Steps:
     return (Do((f'tell({room.whole or room.text}, "whether")',), notes=room.notes),)

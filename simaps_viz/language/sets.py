@@ -359,6 +359,7 @@ class Sets(Grounding):
             offset = self.centroids([things[i] for i in mine]) - other.centroid_m[:2]
             along, across = offset @ way, offset @ (-way[1], way[0])
             kept[mine] = (along > 0.0) & (np.abs(across) <= np.sqrt(3.0) * along + 1e-9)
+            kept[mine] &= np.array([not self._apart(things[i], other) for i in mine], bool)
         close = kept & (far <= BESIDE_M + 1e-9)
         return close if close.any() else kept
 
@@ -423,8 +424,22 @@ class Sets(Grounding):
         things = self.things_of(S)
         others = self.things_of(T)
         pairs = self.neighbours(things, others, most)
-        pairs = self._at_their_own(things, others, pairs) if metres is None else pairs
+        if metres is None:
+            pairs = [one for one in pairs if not self._apart(things[one[0]], others[one[1]])]
+            pairs = self._at_their_own(things, others, pairs)
         return self._relate(S, T, {things[i].id for i, _, _ in pairs}, f"{within} {self.set_of(T).the}")
+
+    def _apart(self, a: Instance, b: Instance) -> bool:
+        """Whether two things stand in different rooms with a wall between their middles."""
+        rooms = self._room_ids.get(a.id), self._room_ids.get(b.id)
+        if None in rooms or rooms[0] == rooms[1]:
+            return False
+        return self._walled(np.array(a.centroid_m[:2]), np.array(b.centroid_m[:2]))
+
+    @cached_property
+    def _room_ids(self) -> dict[int, int]:
+        """{id of a thing: id of the room that it is in}."""
+        return {number: room.id for room in self.simap.rooms for number in room.objects}
 
     def _is_open(self, room: Room, value: Any) -> bool:
         """Whether no wall stands between a room and a point or the nearest of some things."""

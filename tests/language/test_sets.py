@@ -528,6 +528,7 @@ def test_a_room_is_left_by_its_doorway_and_in_here_is_within_it() -> None:
 
     assert [goal.label for goal in run("leave the room").goals] == ["hall"]
     assert [goal.label for goal in run("leave the bathroom").goals] == ["hall"]
+    assert [(run(f"are you in the {name}?").answer or {})["value"] for name in ("bathroom", "hall")] == [True, False]
     stays = run("get out of the kitchen")
     assert (stays.path_length_m, stays.answer and stays.answer["value"]) == (0.0, "bathroom")
     sinks = flat.of_class("sink")
@@ -552,3 +553,18 @@ def test_what_the_map_cannot_tell_apart_is_said(gap: int, tied: bool) -> None:
     answer = simaps_viz.ask(simap, "which is the nearest chair?", pose=pose)
     assert (note in answer.notes, "so is a chair" in (answer.answer or {})["text"]) == (tied, tied)
     assert not simaps_viz.ask(simap, "go to the biggest plant", pose=pose).notes[1:]
+
+
+def test_what_stands_behind_a_wall_is_neither_next_to_a_thing_nor_beside_it() -> None:
+    flat = furnished_map(json.loads((Path(__file__).parent / "rounds/flat.json").read_text()))
+    pose = Pose2(5.4, 6.8, 0.0)
+    apart = Sets(flat, pose)
+    pairs = 0
+    for thing in flat.instances:
+        near = evaluate(flat, pose, f"near('anything', called('{thing.label}', {thing.id}), 1)").items
+        next_to = ids(evaluate(flat, pose, f"near('anything', called('{thing.label}', {thing.id}))"))
+        for other in near:
+            walled = apart.simap.room_of(other.id) != apart.simap.room_of(thing.id)
+            pairs += walled
+            assert not (walled and other.id in next_to), (thing.name, other.name)
+    assert pairs >= 2  # within a metre, through a wall
