@@ -519,8 +519,9 @@ class SIMap:
         wanted = instance if isinstance(instance, int) else instance.id
         table = self.appearance.colors(self) if self.appearance is not None else np.zeros((0, 4), np.int32)
         at = int(np.searchsorted(table[:, 0], wanted))
-        if at == len(table) or table[at, 0] != wanted:
-            return None
+        if at == len(table) or table[at, 0] != wanted:  # of what no cell shows its surface has a colour
+            below = next((one.in_space for one in self.hidden if one.id == wanted), None)
+            return None if below is None or self.appearance is None else below.color
         red, green, blue = table[at, 1:].tolist()
         return red, green, blue
 

@@ -337,7 +337,8 @@ def _is_talk(sentence: Sentence) -> bool:
     opens = {edge.kind for edge in sentence.edges[0]} if sentence.words else set()
     listed = not opens.isdisjoint(_DETERMINERS) and "IS" not in kinds  # "the sofa, the zorgon"
     heads = sentence.words[-1:] in (("!",), (":",)) and len(sentence.words) <= 4 and kinds.isdisjoint(_DONE)
-    if heads and sentence.unknown:  # "plant party!"
+    labels = sentence.words[-1:] == (":",) and len(sentence.words) <= 6 and opens.isdisjoint(_DONE)
+    if (heads or labels) and sentence.unknown:  # "plant party!", "quick stock check:"
         return True
     return bool(sentence.unknown) and kinds.isdisjoint(_MEANT) and opens.isdisjoint(_OPENS) and not listed
 

@@ -276,9 +276,15 @@ def _bare(targets: tuple[Phrase, ...]) -> Steps:
     return _each("", targets, "")
 
 
-@_rule("order", "_go room", "room")
+@_rule("order", "_go room")
 def _go_room(room: Phrase) -> Steps:
     return _each("robot.move_to_{0.goal}", [room])
+
+
+@_rule("order", "room")
+def _bare_room(room: Phrase) -> Steps:
+    """Read "how many laptops are there, all rooms?", which moves nothing."""
+    return _each("", [room], "") if room.many else _go_room(room)
 
 
 @_rule("order", "LEAVE (room | HERE)? !ATLEAST")
@@ -524,7 +530,7 @@ def _there_and_back(targets: tuple[Phrase, ...]) -> Steps:
     return (*_go_to(targets), *_home())
 
 
-_words("_beginning", "DET? START | _prep+ DET? START | (TO? HERE)+ | TO EXACTLY? _place HERE")
+_words("_beginning", "DET? START | _prep+ DET? START | (TO? EXACTLY? HERE)+ | TO EXACTLY? _place HERE")
 
 
 @_rule(
@@ -555,8 +561,9 @@ _words("_looking", "(GO | STAND)? FACE | LOOK | LOOK _prep+ | FACE _prep+ | TURN
 @_rule(
     "order",
     "_looking targets (COMMA? STILL)? | _turning AROUND? (TO | TOWARD)+ _looking? targets | _turning way? AROUND? "
-    "UNTIL HERE? (SEE | LOOK AT? | FACE) targets | _turning UNTIL targets IS (FRONT HERE | VIEW | SEEN) | _turning "
-    "AROUND _looking targets | (KEEP | WITH) targets IS? (FRONT HERE | VIEW)",
+    "UNTIL HERE? (SEE | LOOK AT? | FACE) targets | _turning way? AROUND? UNTIL targets IS "
+    "(FRONT HERE | FORWARD (OF HERE)? | VIEW | SEEN) | _turning AROUND _looking targets | "
+    "(KEEP | WITH) targets IS? (FRONT HERE | VIEW)",
 )
 def _face(targets: tuple[Phrase, ...], way: str = "") -> Steps:
     return _each("robot.face({0})", targets, "face")
@@ -806,7 +813,8 @@ def _how_many_together(a: Phrase, b: Phrase) -> Steps:
 
 @_rule(
     "question",
-    "(ON | IN | AT) HOWMANY (OF | DET)* (np | ROOMS) (EXIST | IS | APPROACH | SEE | HERE | DOES)+ of:np IS?",
+    "(ON | IN | AT) HOWMANY (OF | DET | DIFFERENT)* (np | ROOMS) (EXIST | IS | APPROACH | SEE | HERE | DOES)+ "
+    "of:np IS?",
     cost=-0.1,
 )
 def _on_how_many(of: Phrase, np: Phrase = ALL_ROOMS) -> Steps:
@@ -920,6 +928,13 @@ def _are_you_in(room: Phrase) -> Steps:
 @_rule("question", "EXIST DET* room")
 def _is_there_room(room: Phrase) -> Steps:
     return (Do((f'tell({room.whole or room.text}, "whether")',), notes=room.notes),)
+
+
+@_rule("question", "EXIST np IN EVERY (OF | DET)* (ROOM | ROOMS)", cost=-0.3)
+def _is_there_in_every_room(np: Phrase) -> Steps:
+    """Read "is there a clock in every room?": no room is without."""
+    rest = f"without({ALL_ROOMS.text}, {np.argument})"
+    return (Do(('tell(count({0.text}) == 0, "whether")',), (_changed(ALL_ROOMS, rest, np.notes, many=False),)),)
 
 
 @_rule("question", "np &ASKED", cost=0.4)
@@ -1148,7 +1163,11 @@ def _which_of_several(compared: str, np: Phrase) -> Steps:
     return _told(_changed(np, f'first(order({np.text}, "{compared}"))', many=False), "which")
 
 
-@_rule("question", "(WHICH | WHAT) ROOM IS DET? compared COMMA? a:room COMMA? OR b:room", cost=-0.6)
+@_rule(
+    "question",
+    "(WHICH | WHAT) (ROOM IS DET? compared | IS DET? compared ROOM) COMMA? a:room COMMA? OR b:room",
+    cost=-0.8,
+)
 @_rule(
     "question",
     "(WHICH | WHAT) (IS | OF | ONE)* DET? compared ONE? HERE? (TO HERE)? (COMMA | STOP)? a:np COMMA? OR b:np | "
@@ -1534,7 +1553,7 @@ def _whether(condition: Condition) -> Condition:
 
 
 _rule("if", "IFSEE np")(_is_seen)
-_rule("if", "IFKNOWN DET? OF? np")(_exists)
+_rule("if", "IFKNOWN DET? OF? np ANYWHERE?")(_exists)
 
 
 @_rule("body", "done ((COMMA | AND | THEN | BUT)+ more:done)*", "question")

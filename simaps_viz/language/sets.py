@@ -576,7 +576,8 @@ class Sets(Grounding):
         inside = ((at - start) * (at - end)).sum(axis=1) < 0.0
         off = np.abs(along[0] * (at - start)[:, 1] - along[1] * (at - start)[:, 0]).round(9)
         order = sorted(range(len(things)), key=lambda i: (off[i], things[i].id))
-        return [things[i] for i in order if inside[i] and things[i].id not in (a.id, b.id)]
+        out = {a.id, b.id, *(below for _, below in self._standing((a, b), things, hanging=False))}
+        return [things[i] for i in order if inside[i] and things[i].id not in out]
 
     def _opposite(self, S: Named, T: Named) -> Things:
         things, other = self.things_of(S), self.thing_of(T)

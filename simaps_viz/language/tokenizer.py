@@ -144,14 +144,37 @@ _OPENING: Final = re.compile(
 )
 _IS: Final = re.compile(r"\b(that|it|there|what|where|here|which|who|how)['’]s\b")
 _SHORT: Final = re.compile(r"\b(i|you|we|they|he|she|it|that|there|who|what|where|this)['’](m|d|re|ve|ll)\b")
-_LEFT: Final = re.compile(r"\b((?:(?:is|are) there|there (?:is|are)) (?:\w+ ){1,3})left\b(?! of| side| hand)")
+_LEFT: Final = re.compile(
+    r"\b((?:(?:is|are) there|there (?:is|are)|any|how (?:many|much)) (?:\w+ ){1,3})"
+    r"(?<!the )(?<!your )(?<!my )(?<!on )(?<!to )left\b(?! of| side| hand)"
+)
 """What is there still, as in "is there any cake left on the counter?"."""
+_PLACING_WORD: Final = r"under|on\b|in\b|inside|into|onto|below|beneath|behind|between|beside|next|near"
 _PUT_DOWN: Final = re.compile(
-    r"\bwhat (?:stuff |things |else )?(?:do|does|did|has|have) (?:they|people|somebody|someone|anybody|"
-    r"anyone|he|she|(?:my|our|the|his|her) (?!robot\b)\w+) \w+(?: down| away)? "
-    r"(?=under|on\b|in\b|inside|into|onto|below|beneath|behind|between|beside|next|near)"
+    r"\b(what|(?:how many|which) \w+(?: \w+)?(?= did\b)) (?:stuff |things |else )?(?:(?:do|does|did|has|have) "
+    r"(?:they|people|somebody|someone|anybody|anyone|he|she|(?:my|our|the|his|her) (?!robot\b)\w+)|"
+    rf"(?:did|have) (?:we|i|you)) (?!see|seen|find|found|say|mean|got)\w+(?: down| away)? (?={_PLACING_WORD})"
 )
 """Who put what is asked for where it is: "what did they put under the bench?"."""
+_ENDED_UP: Final = re.compile(
+    r"\b((?:in|to|at) (?:what|which) (?:room|place)|where) did "
+    r"((?:the|my|our|your) [\w ]+?) (?:end up|go|get to|wind up|land)\b"
+)
+_TO_DO: Final = re.compile(
+    r"\b(how many (?!of\b)[\w ]{3,40}?) (?:(?:do|must|should|shall|will|would|can|could|have|need) (?:i|we) "
+    r"(?:(?:have|need|got) to )?(?!see|spot|find|count|have|need|make|get|go|drive)\w+(?: down| up| off| out)?"
+    rf"(?= (?:{_PLACING_WORD}|at\b)|\W*$)|(?:are|is) there to (?!the\b|my\b|your\b)\w+(?: down| up| off| out)?(?=\W*$)"
+    r"|do(?:es)? (?:your|the|this) map (?:show|have|know|contain|hold)(?=\W*$))"
+)
+"""What has to be done with what is counted: "how many windows do I have to wash in the kitchen?"."""
+_SO_FACING: Final = re.compile(r"\bso (?:that )?you(?: are)? (?:facing|looking|face|look)\b")
+_SPACE: Final = re.compile(
+    r"\bwhich (?:one |room |of them )?(?:has(?: got)?|offers|gives) (?:more|the most) (?:space|room|floor space|area)\b"
+)
+_AT_LAST: Final = re.compile(
+    r"\b((?:where|what|who|which|how) [^.!?]*?) (?:again|this time|these days|nowadays)(?=\W*$)"
+)
+"""What a question ends with: "what have they left on the table this time?"."""
 _YOURSELF: Final = re.compile(
     r"(?:^|(?<=[,.;!] )|(?<=then ))(\w+) yourself(?= (?:right |directly |down |just )?"
     r"(?:in|into|between|beside|next|near|by|at|under|behind|on|to|over|along|across)\b)"
@@ -258,7 +281,7 @@ def plainly(text: str) -> str:
     said = _WISHED.sub(lambda found: f"if you would {_PAST[found[1]]}", said)
     said = _TAG.sub("", _left_out(_KINDLY, _left_out(_INDIFFERENT, said), " "))
     said = _YOURSELF.sub(lambda found: found[0] if (found[1],) in _KNOWN else "go", said)
-    said = re.sub(r"(?<!what )\bis that (?=in\b|on\b|at\b|under\b)", "is it ", _PUT_DOWN.sub("what is ", said))
+    said = re.sub(r"(?<!what )\bis that (?=in\b|on\b|at\b|under\b)", "is it ", _PUT_DOWN.sub(r"\1 is ", said))
     said = re.sub(r"\bsomewhere (?=in\b)", "", re.sub(r"^(\W*\w+) first(?:ly)?(?= (?:to|the|into)\b)", r"\1", said))
     said = re.sub(r"\b(is|are|does|do|you|we|i|to|they|it) actually\b", r"\1", _left_out(_POLITE, said, " "))
     said = re.sub(r"(?<!have )\b(i|we) got (?=some\b|an?\b|my\b)", r"\1 have ", said)
@@ -270,6 +293,11 @@ def plainly(text: str) -> str:
         r"\1is ",
         said,
     )
+    said = _TO_DO.sub(r"\1 are there", _ENDED_UP.sub(r"\1 is \2", _AT_LAST.sub(r"\1", said)))
+    said = _SPACE.sub("which is larger", _SO_FACING.sub("to face", said))
+    said = re.sub(r"\bwhat (?:is )?its colou?r(?: is)?\b|\bits colou?r(?=\W*$)", "what colour is it", said)
+    said = re.sub(r"\bwhat colou?r would (?:you|one) (?:call|say|describe|name)\b", "what colour is", said)
+    said = re.sub(r"^\W*without (?:moving|driving|going anywhere)\b,?\s*(?=turn|look|face|spin|rotate)", "", said)
     said = re.sub(r"\b(where (?:is|are|has|have) [^,.?]*?) (?:gone(?: to)?|got to|disappeared to)(?=\W*$)", r"\1", said)
     said = re.sub(r"\bwhat is the (\w+)(?<!head) count\b", r"how many \1", said)
     said = re.sub(

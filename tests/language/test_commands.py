@@ -406,6 +406,19 @@ def test_what_is_told_before_an_order_is_what_it_speaks_of() -> None:
             'tell(count(inside(things("chair"), room("kitchen"))) == count(inside(things("chair"), room("office"))), '
             '"whether")',
         ),
+        (
+            "How many chairs do I have to dust in the kitchen this time?",
+            'tell(inside(things("chair"), room("kitchen")), "count")',
+        ),
+        (
+            "How many chairs did we put under the table?",
+            'tell(under(things("chair"), the(things("dining table"))), "count")',
+        ),
+        ("any chairs left in the kitchen?", 'tell(inside(things("chair"), room("kitchen")), "whether")'),
+        ("any chairs on the left?", 'tell(side(things("chair"), "left"), "whether")'),
+        ("In what room did the couch end up?", 'tell(things("couch"), "room")'),
+        ("For the inventory: how many chairs are there, all rooms?", 'tell(things("chair"), "count")'),
+        ("is there a chair in every room?", 'tell(count(without(rooms(), "chair")) == 0, "whether")'),
         ("in which room are the most chairs?", 'tell(first(order(rooms(), "many", things("chair"))), "which")'),
         (
             "go to the couch in a room with a chair and no table, no plant",
