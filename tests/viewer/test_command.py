@@ -41,6 +41,7 @@ from simaps_viz.viewer.panels.command import (
     program_html,
     why_text,
 )
+from simaps_viz.viewer.panels.map import MapPanel
 from simaps_viz.viewer.scene.camera import AHEAD_M, BEHIND_M, Follower, above, behind
 from simaps_viz.viewer.scene.map_scene import Style
 from simaps_viz.viewer.workbench import Workbench
@@ -252,6 +253,19 @@ def test_a_program_that_gets_stuck_marks_the_line():
         assert "✖" in mine(bench).panels[CommandPanel]._program.content and "is free for" in shown(bench)
         assert mine(bench).pose == TOY_POSE, "what cannot be done is said before the first turn"
         until(lambda: [past.status for past in mine(bench).panels[CommandPanel]._past] == ["failed"])
+
+
+def test_specks_among_the_candidates_are_counted_apart_as_on_the_map():
+    with toy_workbench(real_services()) as bench, fake_page(bench):
+        session, panel = mine(bench), mine(bench).panels[CommandPanel]
+        panel._drive.speed = 8.0
+        for least, said in ((0.0, False), (0.66, True)):
+            session.panels[MapPanel]._least_score.value = least
+            faint = len([one for one in bench.simap.of_class("chair") if one.score < least])
+            panel.ask("go to the leftmost chair")
+            until(lambda: "Done" in shown(bench))
+            assert bench.wait_idle() and bool(faint) == said
+            assert (f"The 3 are {3 - faint}, and {faint} speck" in shown(bench)) == said
 
 
 def test_marks_of_an_answer_end_as_the_next_command_is_typed_and_as_another_thing_is_selected():

@@ -46,6 +46,7 @@ from simaps_viz.structures import Pose2, SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel, button, button_row, by_person
 from simaps_viz.viewer.page.shared import Snapshot
+from simaps_viz.viewer.panels.map import specks_on
 from simaps_viz.viewer.scene.annotations import Label, label_of
 from simaps_viz.viewer.scene.camera import SLANT, Follower
 from simaps_viz.viewer.scene.map_scene import Style
@@ -734,7 +735,11 @@ class CommandPanel(Panel):
             return goal_labels(simap, answer.goals), ()
         candidates = in_asked_order(answer, self._services.candidates(simap, labels.pop(), self._page.pose))
         chosen = {goal.instance or 0 for goal in answer.goals}
-        return candidate_labels(candidates, chosen), (why_text(answer, candidates, self._page.pose),)
+        why = why_text(answer, candidates, self._page.pose)
+        faint = len(specks_on(self._page) & {one.instance.id for one in candidates})
+        if faint and why and len(candidates) > 1:
+            why += f" The {len(candidates)} are {len(candidates) - faint}, and {plural(faint, 'speck')}."
+        return candidate_labels(candidates, chosen), (why,)
 
     def _moved(self, pose: Pose2, share: float, leg: int) -> None:
         self._page.pose = pose
