@@ -94,8 +94,8 @@ def test_two_things_of_one_class_are_called_by_their_names():
     assert len(tables) == 2
     said = outcome_text(answer(toy_map(), "move in between the dining table and the dining table", TOY_POSE))
     assert said.startswith("To ") and all(name in said for name in tables)
-    text = answer(toy_map(), "what is between the dining table and the dining table?", TOY_POSE).answer["text"]
-    assert all(name in text for name in tables)
+    asked = answer(toy_map(), "what is between the dining table and the dining table?", TOY_POSE)
+    assert all(name in outcome_text(asked) for name in tables)
 
 
 def test_what_another_class_was_looked_up_by_is_not_taken_for_the_reason():
