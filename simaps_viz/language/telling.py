@@ -12,7 +12,7 @@ from simaps_viz.colors.naming import color_name
 from simaps_viz.errors import CommandError
 from simaps_viz.language.grounding import Things, one_thing, with_article
 from simaps_viz.language.primitives import SAID, SELF
-from simaps_viz.language.words import plural
+from simaps_viz.language.words import KINDS, plural
 from simaps_viz.structures import Instance
 
 if TYPE_CHECKING:
@@ -23,6 +23,8 @@ Told = tuple[str, Any, Sequence[Instance]]
 _MAX_LISTED: Final = 12
 _BEND_M: Final = 0.35
 """How far a way may leave the straight line before that is a turn."""
+_WIDE: Final = frozenset((*KINDS["storage"], *KINDS["picture"], "couch", "tv", "window", "door", "curtain"))
+"""What is deep rather than long: its longer side is its width."""
 _LANDMARK_M: Final = 1.0
 _BENDS: Final = ((25.0, "straight on"), (60.0, "bear {}"), (130.0, "turn {}"), (180.1, "turn around"))
 """(degrees up to which, what a turn is called)."""
@@ -175,6 +177,8 @@ def _size(sets: "Sets", found: Things, key: str) -> Told:
     sizes = {name: sets.measure(thing, name) for name in ("length", "width", "height", "area")}
     the = _cap(found.the if len(found) == 1 else f"the nearest {found.one}")
     key = SAID["by_size"].get(key, [key])[0]
+    if key == "width" and _noun(thing) in _WIDE:
+        sizes["width"] = sizes["length"]
     if key in sizes:
         return f"{the} {SAID['measured'][key].format(sizes[key])}.", round(sizes[key], 3), [thing]
     text = "{} is {:.2f} m long, {:.2f} m wide and {:.2f} m high; it covers {:.2f} m²."

@@ -568,3 +568,13 @@ def test_what_stands_behind_a_wall_is_neither_next_to_a_thing_nor_beside_it() ->
             pairs += walled
             assert not (walled and other.id in next_to), (thing.name, other.name)
     assert pairs >= 2  # within a metre, through a wall
+
+
+def test_a_couch_is_as_wide_as_its_longer_side_and_a_bed_as_its_shorter_one() -> None:
+    flat = furnished_map(json.loads((Path(__file__).parent / "rounds/flat.json").read_text()))
+    for name, side in (("couch", "length"), ("bed", "width")):
+        told = simaps_viz.ask(flat, f"how wide is the {name}?", pose=Pose2(8.4, 1.4, 0.0)).answer
+        sets = Sets(flat, Pose2(8.4, 1.4, 0.0))
+        thing = sets.thing_of(name)
+        assert sets.measure(thing, "length") > sets.measure(thing, "width") + 0.1
+        assert told and told["value"] == pytest.approx(sets.measure(thing, side), abs=0.001)
