@@ -15,7 +15,7 @@ from fake_page import FakePage, fake_page, gone
 from hypothesis import given
 from hypothesis import strategies as st
 from services import real_services
-from toy_maps import TOY_POSE, toy_map
+from toy_maps import TOY_POSE, furnished_map, toy_map
 from waiting import until
 
 from simaps_viz.app import workbench
@@ -35,6 +35,7 @@ from simaps_viz.navigation.trajectory import (
 from simaps_viz.structures import Pose2
 from simaps_viz.viewer.panels.command import (
     CommandPanel,
+    beyond_text,
     entered,
     exchanges_html,
     in_asked_order,
@@ -96,6 +97,19 @@ def test_two_things_of_one_class_are_called_by_their_names():
     assert said.startswith("To ") and all(name in said for name in tables)
     asked = answer(toy_map(), "what is between the dining table and the dining table?", TOY_POSE)
     assert all(name in outcome_text(asked) for name in tables)
+
+
+def test_a_stop_on_the_far_side_has_its_reason():
+    things: list = [("counter", 1.5, 3.0, 4.5, 3.6, 1.0)]
+    start = Pose2.from_heading(3.0, 1.0, 0.0)
+    around = [("bench", 1.0, 2.5, 5.0, 2.95, 0.5), *(("cabinet", x, 2.95, x + 0.45, 3.6, 1.0) for x in (1.0, 4.55))]
+    for more, beyond in (([], False), (around, True)):
+        simap = furnished_map({"size_m": (6.0, 6.0), "walls": [], "things": things + more})
+        said = answer(simap, "go to the counter", start)
+        assert said.status == "ok" and (said.final_pose.y_m > 3.6) == beyond
+        name = simap.of_class("counter")[0].name
+        assert beyond_text(simap, said).startswith(f"It stops on the far side of {name}: nowhere on the near") == beyond
+        assert beyond_text(simap, answer(simap, "go to the north side of the counter", start)) == ""  # as it was asked
 
 
 def test_what_another_class_was_looked_up_by_is_not_taken_for_the_reason():

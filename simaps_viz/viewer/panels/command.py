@@ -105,6 +105,20 @@ def why_text(answer: Answer, candidates: Sequence[Candidate], pose: Pose2) -> st
     return " ".join([_cap(text), _others(one, candidates), *_choice(answer)])
 
 
+def beyond_text(simap: SIMap, answer: Answer) -> str:
+    """Explain why the robot stops on the far side of the thing that it is sent to; empty where it does not."""
+    goal = answer.goals[0] if len(answer.goals) == 1 and len(answer.path_m) > 1 else None
+    if goal is None or goal.primitive not in ("move_to_object", "move_to_nth_closest") or not goal.instance:
+        return ""
+    start, stop = answer.path_m[0], answer.path_m[-1]
+    steps = 2 + int(2.0 * np.hypot(*(stop - start)) / simap.spec.cell_size_m)
+    passed = {one.id for x, y in np.linspace(start, stop, steps) if (one := simap.at(float(x), float(y))) is not None}
+    if goal.instance not in passed:
+        return ""
+    name = simap.by_id(goal.instance).name
+    return f"It stops on the far side of {name}: nowhere on the near side is there room to get as close."
+
+
 def candidate_labels(candidates: Sequence[Candidate], chosen: Collection[int], most: int = 5) -> list[Label]:
     """Number the objects that a command could mean: "▶ 3 · chair 18 · 2.6 m" is the chosen one, "1 · chair 7" another.
 
@@ -739,7 +753,7 @@ class CommandPanel(Panel):
         faint = len(specks_on(self._page) & {one.instance.id for one in candidates})
         if faint and why and len(candidates) > 1:
             why += f" The {len(candidates)} are {len(candidates) - faint}, and {plural(faint, 'speck')}."
-        return candidate_labels(candidates, chosen), (why,)
+        return candidate_labels(candidates, chosen), tuple(filter(None, (why, beyond_text(simap, answer))))
 
     def _moved(self, pose: Pose2, share: float, leg: int) -> None:
         self._page.pose = pose
