@@ -249,9 +249,15 @@ class Page:
 
     def click_name(self, instance_id: int, position: tuple[float, float]) -> None:
         """Select the object whose name was clicked; a panel that waits for a place gets that below the name."""
-        shown = not self.panels.wait_for_place() and (self.simap.instance == instance_id).any()
+        below = self.simap.at(*position)
+        on_it = below is not None and below.id == instance_id
+        shown = not on_it and not self.panels.wait_for_place() and (self.simap.instance == instance_id).any()
         place = position_inside(self.simap, instance_id) if shown else position
-        if not self.panels.take_click(*place):
+        if self.panels.take_click(*place):
+            return
+        if on_it:
+            self.pick(position)  # that part of it stays selected, however the map is cut
+        else:
             self.select(instance_id)
 
     def pick(self, position: tuple[float, float] | None) -> None:
