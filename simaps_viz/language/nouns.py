@@ -265,6 +265,7 @@ def _of_one_thing(parts: Parts, noun: Noun | None) -> Parts:
     for part in parts:
         if part.kind == "alias" and (noun is None or noun.label != part.of or noun.spoken == part.text):
             raise CommandError("")
+    parts = tuple(_freed(part, noun.spoken if noun else "") for part in parts)
     paired = _number(parts, "count") == 2  # "the two chairs that stand side by side"
     parts = tuple(replace(one, kind="order") if one.kind == "abreast" and paired else one for one in parts)
     return tuple(part for part in parts if part.kind != "alias")
@@ -396,7 +397,7 @@ def _some(text: str, ordered: str, key: str, of: str, rank: int | None, count: i
 def _all(text: str, word: str, key: str, of: str) -> str:
     if key == "near" and of:
         return f"near({text}, {of})"
-    if key in ("large", "small", "long", "short", "tall", "low"):
+    if key in ("large", "small", "long", "short", "tall", "low") and not text.startswith("rooms("):
         return f'sized({text}, "{key}")'
     if key:
         raise CommandError(f"how many of the {plural(word)} are meant was not said")
@@ -425,7 +426,7 @@ def _depth(text: str) -> int:
 def refine(phrase: Phrase, parts: Iterable[Part]) -> Phrase:
     """Return a phrase with further filters, as "is the sofa red" adds one."""
     text, found = phrase.whole or phrase.text, [phrase]
-    for part in parts:
+    for part in (_freed(one, phrase.word) for one in parts):
         text = (part.definite or part.text).replace("{}", text) if part.kind == "filter" else text
         text = f"near({text}, {part.definite or part.text})" if part.kind == "near" else text
         if part.kind not in ("filter", "near"):
@@ -513,6 +514,19 @@ def _empty() -> Parts:
     return _filter("empty({})")
 
 
+@_rule("adjective", "FREE")
+def _free() -> Parts:
+    return (Part("free", "empty({})"),)
+
+
+def _freed(part: Part, name: str) -> Part:
+    """Return what "free" says: of a table or desk that nobody is at it, of anything else that nothing is on it, too."""
+    if part.kind != "free":
+        return part
+    table = name.split()[-1:] in (["table"], ["desk"], ["counter"])
+    return replace(part, kind="filter", text='minus({}, near({}, "person"))' if table else part.text)
+
+
 @_rule("adjective", "ALONE")
 def _alone() -> Parts:
     """Read "the chair that stands by itself": nothing of its kind is next to it."""
@@ -537,7 +551,7 @@ def _not(adjective: Parts) -> Parts:
 def _negated(part: Part) -> Part:
     """Return the filter that keeps what a part would not choose."""
     match part.kind:
-        case "filter":
+        case "filter" | "free":
             left_out = part.text
         case "near":
             left_out = f"near({{}}, {part.text})"

@@ -1313,7 +1313,8 @@ def _which_color(np: Phrase, adjective: Parts, more: Sequence[Parts]) -> Steps:
 
 @_rule("question", "WHATCOLOR (IS | DOES | OF | WITH)* np IS? WITH?")
 def _what_color(np: Phrase) -> Steps:
-    return _told(np, "color")
+    """Read "what colour is the chair?", of several the nearest; "what colour are the chairs?" is asked of each."""
+    return _told(np if np.many else _changed(np, np.single), "color")
 
 
 @_rule(

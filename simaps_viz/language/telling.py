@@ -1,5 +1,6 @@
 """What is told in answer to a question: a sentence, a value, and the things it speaks of."""
 
+from collections import Counter
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
@@ -160,15 +161,17 @@ def _room(sets: "Sets", found: Things) -> Told:
 
 
 def _color(sets: "Sets", found: Things) -> Told:
-    thing = found.items[0]
-    rgb = sets.simap.color_of(thing)
-    if rgb is None:
-        return f"The colour of {one_thing(thing).the} is not known on this map.", None, [thing]
-    name = color_name(rgb)
+    seen = [sets.simap.color_of(thing) for thing in found.items]
+    named = Counter(color_name(rgb) for rgb in seen if rgb is not None)
+    if not named:
+        return f"The colour of {found.the} is not known on this map.", None, list(found.items[:1])
+    (name, _), *others = named.most_common()
+    looks = f"about {name}" if not others else _and([f"{n} about {color}" for color, n in named.most_common()])
+    verb = "looks" if len(found) == 1 else "look"
     return (
-        f"{_cap(found.the if len(found) == 1 else one_thing(thing).the)} looks about {name}, as the camera saw it.",
+        f"{_cap(found.the)} {verb} {looks}, as the camera saw {'it' if len(found) == 1 else 'them'}.",
         name,
-        [thing],
+        list(found),
     )
 
 

@@ -416,7 +416,7 @@ _PLACING: Final = frozenset(["IN", "AT", "BY", "NEAR", "ON", "UNDER", "BEHIND", 
 _RELATIVES: Final = frozenset(["that", "which", "who", "where"])
 _BEFORE_NOUNS: Final = frozenset(["the", "a", "an", "my", "your", "our", "this", "that", "these", "those"])
 _TELLING: Final = re.compile(
-    r"COLOR|SHAPE|SIZE|SUPER|MORE|ORD|NUM|ONE|NEAREST|FARTHEST|OTHER|EMPTY|TAKEN|ALONE|MOST|LEFT|RIGHT|NORTH|SOUTH|EAST|"
+    r"COLOR|SHAPE|SIZE|SUPER|MORE|ORD|NUM|ONE|NEAREST|FARTHEST|OTHER|EMPTY|FREE|TAKEN|ALONE|MOST|LEFT|RIGHT|NORTH|SOUTH|EAST|"
     r"WEST|MIDDLE|INTER|NOUNS?|ROOMKIND|ROOM|NOT|ONLY|SEEN|SAME|EVERY|DET|BOTH|MOSTLY|FEWEST|EITHER|NEARBY|"
 )
 """Kinds of tokens that tell which thing is meant, or join what does."""

@@ -638,7 +638,7 @@ def test_numbers_that_no_program_may_hold_are_refused_in_a_line(said: str, numbe
         ),
         # what is asked
         ("give me the distance from the chair to the couch", 'tell(things("chair"), "distance", "couch")'),
-        ("tell me color of couch", 'tell(things("couch"), "color")'),
+        ("tell me color of couch", 'tell(nearest(things("couch")), "color")'),
         ("check if the chair is under a table", 'tell(under(things("chair"), "dining table"), "whether")'),
         ("might the chair be near the couch?", 'tell(near(things("chair"), the(things("couch"))), "whether")'),
         ("who's taller, the couch or the chair?", 'tell(first(order(union("couch", "chair"), "tall")), "which")'),
@@ -653,6 +653,14 @@ def test_numbers_that_no_program_may_hold_are_refused_in_a_line(said: str, numbe
             "go to the chair, but only if it is red",
             'chair = nearest(things("chair"))\nif count(colored(chair, "red")) > 0:\n    robot.move_to_object(chair)',
         ),
+        (
+            "are there free tables?",
+            'tell(minus(things("dining table"), near(things("dining table"), "person")), "whether")',
+        ),
+        ("is the couch red or blue?", 'tell(nearest(things("couch")), "color")'),
+        ("do you know what colour the chairs are?", 'tell(things("chair"), "color")'),
+        ("what colour is the chair?", 'tell(nearest(things("chair")), "color")'),
+        ("which of the rooms is the smallest?", 'tell(first(order(rooms(), "small")), "which")'),
         (
             "a chair, not one at the table",
             'robot.move_to_object(minus(things("chair"), near(things("chair"), the(things("dining table")))))',
