@@ -123,15 +123,15 @@ def _draw_patterns(simap: SIMap, index: NDArray, size: int) -> None:
         places[grounds - 1 + one.id] = patterns[one.label]
     row, col = np.ogrid[: index.shape[0], : index.shape[1]]
     of_cell = places.take(index)
-    for pattern, is_dark in enumerate(PATTERNS[1:], start=1):
-        np.add(index, size, out=index, where=(of_cell == pattern) & is_dark(row, col))
+    for pattern in sorted({*patterns.values()} - {0}):
+        np.add(index, size, out=index, where=(of_cell == pattern) & PATTERNS[pattern](row, col))
 
 
 def class_patterns(simap: SIMap) -> dict[str, int]:
     """Choose what tells classes of one colour apart: places in `PATTERNS`, in the order of names, common ones first."""
-    colors, used = shown_class_colors(simap), Counter[Color]()
+    colors, things, used = shown_class_colors(simap), class_colors(simap), Counter[Color]()
     patterns = {}
-    for name in sorted(colors, key=lambda name: (name not in class_colors(simap), name not in COMMON, name)):
+    for name in sorted(colors, key=lambda name: (name not in things, name not in COMMON, name)):
         patterns[name] = used[colors[name]] % len(PATTERNS)
         used[colors[name]] += 1
     return patterns
