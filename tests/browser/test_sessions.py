@@ -122,9 +122,6 @@ def test_a_reload_loses_nothing(browser, bench, alone):
     fill(page, "K (%)", "30")
     until(page, lambda: len(session.simap.instances) == 9)
     wait_for_color(bench, page, EAST_HALF_OF_CHAIR_1, color_of(session.simap, EAST_HALF_OF_CHAIR_1))
-    page.mouse.click(*on_canvas(bench, page, *EAST_HALF_OF_CHAIR_1))
-    expect(page.locator(".simaps-selected", has_text="chair 2")).to_be_visible()
-    tab(page, "Map")
     page.get_by_label("Colours").click()
     page.get_by_role("option", name="class").click()
     until(page, lambda: session.panels[MapPanel].mode == "class")
@@ -133,6 +130,8 @@ def test_a_reload_loses_nothing(browser, bench, alone):
     field_of(page, "Command").fill("go to the couch")
     field_of(page, "Command").press("Enter")
     expect(page.get_by_text("Done", exact=True)).to_be_visible()
+    page.mouse.click(*on_canvas(bench, page, *EAST_HALF_OF_CHAIR_1))  # a command begins with nothing selected
+    until(page, lambda: session.selected == 2)
     tab(page, "Build")
     fill(page, "Frame", "2")
     until(page, lambda: session.frame == 2)
