@@ -878,7 +878,10 @@ class Sets(Grounding):
                 return found
             counts, sign = self._counts(found, of), -1 if key == "many" else 1
             ordered = self._sorted_by(found, [2.0 * sign * counts[i.id] for i in found.items], "")
-            words = f"with the {'most' if key == 'many' else 'fewest'} {self.set_of(of).many}"
+            counted = self.set_of(of).many
+            # "The table with 4 chairs" says already how many.
+            is_said = key == "few" and found.after.endswith(counted)
+            words = "" if is_said else f"with the {'most' if key == 'many' else 'fewest'} {counted}"
             return replace(ordered, after=f"{found.after} {words}".strip())
         return self._sorted_by(found, self._scores(found.items, key, of), key)
 

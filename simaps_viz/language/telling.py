@@ -311,7 +311,9 @@ def _rooms(sets: "Sets", found: Things, kind: str) -> Told:
             things = Things(inside, "thing", "things", after=f"in {names[0]}")
             return _what(sets, things) if inside else _nothing(things, kind)
         case "which" | "room" if n == 1:
-            return (f"You are in {names[0]}." if here else f"It is {names[0]}."), first.name, []
+            also = _and([_the_room(room.name) for room in found.tied])
+            tied = f"; as far as the map can tell, so is {also}" if also else ""
+            return f"{'You are in' if here and not also else 'It is'} {names[0]}{tied}.", first.name, []
     return f"There {'is' if n == 1 else 'are'} {_and(names)}.", ", ".join(room.name for room in found.items), []
 
 
