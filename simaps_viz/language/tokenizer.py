@@ -162,12 +162,12 @@ _ENDED_UP: Final = re.compile(
 )
 _TO_DO: Final = re.compile(
     r"\b(how many (?!of\b)[\w ]{3,40}?) (?:(?:do|must|should|shall|will|would|can|could|have|need) (?:i|we) "
-    r"(?:(?:have|need|got) to )?(?!see|spot|find|count|have|need|make|get|go|drive)\w+(?: down| up| off| out)?"
+    r"(?:(?:have|need|got) to )?(?!see|spot|find|count|have|need|make|get|go|drive|seat)\w+(?: down| up| off| out)?"
     rf"(?= (?:{_PLACING_WORD}|at\b)|\W*$)|(?:are|is) there to (?!the\b|my\b|your\b)\w+(?: down| up| off| out)?(?=\W*$)"
     r"|do(?:es)? (?:your|the|this) map (?:show|have|know|contain|hold)(?=\W*$))"
 )
 """What has to be done with what is counted: "how many windows do I have to wash in the kitchen?"."""
-_SO_FACING: Final = re.compile(r"\bso (?:that )?you(?: are)? (?:facing|looking|face|look)\b")
+_SO_FACING: Final = re.compile(r"(?<!yourself )\bso (?:that )?you(?: are)? (?:facing|looking|face|look)\b")
 _SPACE: Final = re.compile(
     r"\bwhich (?:one |room |of them )?(?:has(?: got)?|offers|gives) (?:more|the most) (?:space|room|floor space|area)\b"
 )
