@@ -636,9 +636,9 @@ _rule("way", "_prep* COUNTERCLOCKWISE")(lambda: "left")
 
 @_rule(
     "order",
-    "_turning way ((BY | FOR)? angle)? | _turning (BY | FOR | DET | FULL)* angle TURN? way? TURN? | _looking way "
-    "| MAKE (BY | DET)* angle? TURN? way (angle | TURN | angle TURN | TURN angle)? | MAKE DET? angle TURN? way? "
-    "TURN? | way:hand | OTHER way TURN | way SLIGHTLY COMMA angle | "
+    "_turning way ((COMMA | BY | FOR)* angle)? | _turning (BY | FOR | DET | FULL)* angle TURN? way? TURN? | "
+    "_looking way | MAKE (BY | DET)* angle? TURN? way (angle | TURN | angle TURN | TURN angle)? | "
+    "MAKE DET? angle TURN? way? TURN? | way:hand | OTHER way TURN | way SLIGHTLY COMMA angle | "
     "way TURN? (BY | FOR)? angle | (BY | FOR)? angle TURN? way | _turning AROUND (BY | FOR)? angle "
     "way? | way TURN "
     "angle? | MAKE DET? TURN way angle?",
@@ -689,7 +689,7 @@ _words("_step", "GO | STEPS | TAKE")
 
 @_rule(
     "order",
-    "_step FORWARD+ ((BY | FOR)? distance)? | _step (BY | FOR)? distance FORWARD* | FORWARD ((BY | FOR)? "
+    "_step FORWARD+ ((BY | FOR)? distance)? | _step (BY | FOR)? distance FORWARD* | FORWARD ((COMMA | BY | FOR)* "
     "distance)? | distance FORWARD | MAKE distance FORWARD* | &OTHER distance FORWARD?",
 )
 def _forward(distance: Measure = _ONE_METRE) -> Steps:
@@ -698,8 +698,9 @@ def _forward(distance: Measure = _ONE_METRE) -> Steps:
 
 @_rule(
     "order",
-    "BACKUP ((BY | FOR)? distance)? | BACK distance | _step _backward ((BY | FOR)? distance)? | RETURN (BY | FOR)? "
-    "distance | (_step | MAKE) distance _backward | BACKWARD ((BY | FOR)? distance)? | distance _backward",
+    "BACKUP ((COMMA | BY | FOR)* distance)? | BACK distance | _step _backward ((BY | FOR)? distance)? | "
+    "RETURN (BY | FOR)? distance | (_step | MAKE) distance _backward | "
+    "BACKWARD ((COMMA | BY | FOR)* distance)? | distance _backward",
 )
 @_rule("order", "(_step | MAKE) distance (COMMA | STOP)+ _backward", cost=-0.1)
 def _backward(distance: Measure = _ONE_METRE) -> Steps:

@@ -175,6 +175,61 @@ _AT_LAST: Final = re.compile(
     r"\b((?:where|what|who|which|how) [^.!?]*?) (?:again|this time|these days|nowadays)(?=\W*$)"
 )
 """What a question ends with: "what have they left on the table this time?"."""
+_ABOUT: Final = (
+    r"(?:exactly|precisely|roughly|approximately|more or less|give or take|or so|or thereabouts|at a guess|"
+    r"in (?:square |centi)?met(?:re|er)s|(?:from )?up close)"
+)
+_QUESTION: Final = r"(?:how|what|where|which|who|is|are|do|does|has|have|can|could|count|list|any)\b"
+_ASIDES: Final = tuple(
+    (re.compile(pattern), instead)
+    for pattern, instead in (
+        # how exactly it is to be told: "roughly how far", "how long exactly is", "how big is it, roughly?"
+        (rf"\b(?:{_ABOUT}|about),? (?=(?:how|what(?! (?:about|is near))|where|which) )", ""),
+        (
+            rf"\b(how (?:far|long|wide|high|tall|big|large|deep|near)|where|what|which),? {_ABOUT}\b(?! to\b)",
+            r"\1",
+        ),
+        (rf"(?:[,\s]+{_ABOUT})+(?=\s*[?!:;]|\s*[.,]*\s*$)", ""),
+        (rf",\s*{_ABOUT}\s*(?=,)", ""),
+        # where nothing more is limited: "in the kitchen only", "anywhere in the café", "out here in the hall"
+        (rf"(^\W*{_QUESTION}[^.?!]*?) (?:only|alone|itself)(?=\s*[?.!]*\s*$)", r"\1"),
+        (r"(?<!is )(?<!are )(?<!there )\b(?:any|some)where (?:at all |else )?(?=(?:in|inside|within|on)\b)", ""),
+        (
+            r"\b(is|are) there (an?|any|some) ([\w ]{2,30}?) anywhere (?=(?:in|inside|within|on|around)\b)",
+            r"\1 there \2 \3 ",
+        ),
+        (
+            r"\b(?:right|just|out|over|down|up|back) (?:here|there) "
+            r"(?=(?:in|inside|on|at|by|near|next to|under|behind|between|beside)\b)",
+            "",
+        ),
+        # whose view it is, which is the robot's anyway: "from your side,", "as you look at the counter from here,"
+        (
+            r"(^\W*|[.,;!?] *)(?:and |so |now )?(?:seen |viewed |looking |looked at )?from (?:here|"
+            r"your (?!left\b|right\b)\w+(?: of view)?|"
+            r"where you(?: are)?(?: now)?(?: standing| stand| sitting| parked)?(?: now| right now)?)\s*,",
+            r"\1",
+        ),
+        (
+            r"(^\W*|[.,;!?] *)(?:as|when|if|while) (?:you|one) (?:are |is )?(?:now )?"
+            r"(?:looks?|looking|faces?|facing|stands?|standing|sees?)\b[^,.;!?]{0,40},\s*"
+            r"(?=(?:what|which|where|is|are|how|does|do)\b)",
+            r"\1",
+        ),
+        (
+            r"[,\s]+(?:as|when) (?:you|one) (?:looks?|faces?|stands?|sees?)(?: (?:at )?(?:it|them|us))?"
+            r"(?: from here)?(?=\s*[?.!]*\s*$)",
+            "",
+        ),
+        # what only opens a question: "report:", "quick check:"
+        (
+            r"^\W*(?:(?:\w+ ){0,2}(?:report|query|check|request|inquiry|enquiry|inventory|survey)|"
+            r"status|next|order|command)\s*[:!]\s*",
+            "",
+        ),
+    )
+)
+"""What carries nothing wherever it is said, and what is left of it."""
 _YOURSELF: Final = re.compile(
     r"(?:^|(?<=[,.;!] )|(?<=then ))(\w+) yourself(?= (?:right |directly |down |just )?"
     r"(?:in|into|between|beside|next|near|by|at|under|behind|on|to|over|along|across)\b)"
@@ -275,6 +330,8 @@ def plainly(text: str) -> str:
     said = re.sub(r"\s[-–—]+\s", ", ", re.sub(r"\s*(?:[-=]*>|→)\s*", ", then ", said))
     said = written_out(_SHORT.sub(r"\1 \2", said))
     said = _WORD.sub(lambda found: SPELLED.get(found[0].replace("’", "'"), found[0]), said)
+    for aside, instead in _ASIDES:
+        said = aside.sub(instead, said)
     said = _LEFT.sub(r"\1", re.sub(r"\bam i\b", "are you", said))
     said = re.sub(r"\bif you were (?=(?:at|by|in|near|next)\b)", "if you would go ", said)
     said = _WHICH_FIRST.sub("", said)
@@ -282,7 +339,7 @@ def plainly(text: str) -> str:
     said = _TAG.sub("", _left_out(_KINDLY, _left_out(_INDIFFERENT, said), " "))
     said = _YOURSELF.sub(lambda found: found[0] if (found[1],) in _KNOWN else "go", said)
     said = re.sub(r"(?<!what )\bis that (?=in\b|on\b|at\b|under\b)", "is it ", _PUT_DOWN.sub(r"\1 is ", said))
-    said = re.sub(r"\bsomewhere (?=in\b)", "", re.sub(r"^(\W*\w+) first(?:ly)?(?= (?:to|the|into)\b)", r"\1", said))
+    said = re.sub(r"^(\W*\w+) first(?:ly)?(?= (?:to|the|into)\b)", r"\1", said)
     said = re.sub(r"\b(is|are|does|do|you|we|i|to|they|it) actually\b", r"\1", _left_out(_POLITE, said, " "))
     said = re.sub(r"(?<!have )\b(i|we) got (?=some\b|an?\b|my\b)", r"\1 have ", said)
     said = re.sub(r"[,;]?\s*\bforget (?:about )?the [\w ]{2,25},\s*", ", no, ", said)
@@ -314,6 +371,7 @@ def plainly(text: str) -> str:
     said = re.sub(r"\b(is|are) (?:their|they re) (?=an?\b|any\b|no\b)", r"\1 there ", said)
     said = re.sub(r"\b(is|are|do|does) not no\b", r"\1 no", said.replace("how is many", "how many"))
     said = re.sub(r"\b2(?= (?:the|my|your|our|this|that)\b)", "to", said)
+    said = re.sub(r"\boff ((?:in)?to [^,.;:!?]+?) (?:we|you|i) go\b", r"go \1", said)
     said = re.sub(r"(^\W*|[,.;:!] *|then )off (?=(?:to|into)\b)", r"\1go ", said)
     said = re.sub(r"\bw/\s*", "with ", _ALL_OF.sub("", _WHO_PUT_DOWN.sub(" ", said)))
     said = re.sub(r"\b(?:my|our|the|his|her) (?:\w+ ){1,2}(?=(?:wants?|needs?|would like|would love) to\b)", "i ", said)
@@ -323,9 +381,6 @@ def plainly(text: str) -> str:
     )
     said = re.sub(r"\b(?:any|either|whichever)(?: one)? of (?=(?:the|my|our|your|these|those|them)\b)", "one of ", said)
     said = re.sub(r"\bits (?=(?:the|an?|not|in|on|at|under|near|next|behind)\b)", "it is ", said)
-    said = re.sub(
-        r"[,\s]+(?:roughly|approximately|more or less|give or take|or so|or thereabouts)(?=\s*[?.!]*\s*$)", "", said
-    )
     said = re.sub(r",\s*so\s+(?!that\b|i\b|we\b)", ", ", said)
     return re.sub(r"\b[xy]\s*=?\s*(?=[-.\d])", "", _left_out(_HEADING, _OPENING.sub("", said)))
 

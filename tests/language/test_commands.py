@@ -712,6 +712,18 @@ def test_numbers_that_no_program_may_hold_are_refused_in_a_line(said: str, numbe
         ),
         ("turn left then right then left", "robot.turn(-90)\nrobot.turn(90)\nrobot.turn(-90)"),
         ("Right, I'm done. Go to the couch.", 'robot.move_to_object("couch")'),
+        # how exactly, to whom, from where and where else
+        ("Forward, two metres!", "robot.move_forward(2)"),
+        ("Roughly how far is it to the couch, exactly?", 'tell(things("couch"), "distance")'),
+        ("How big is this room, roughly, in square metres?", 'tell(room(), "size", "", "")'),
+        (
+            "Report: how many chairs are out here in the kitchen only?",
+            'tell(inside(things("chair"), room("kitchen")), "count")',
+        ),
+        (
+            "As you look at the table from here, what is left of the couch?",
+            'tell(side(things("anything"), "left", the(things("couch"))), "what")',
+        ),
     ],
 )
 def test_kinds_of_words_are_read_wherever_they_stand(said: str, program: str) -> None:
