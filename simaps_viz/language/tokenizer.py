@@ -183,6 +183,12 @@ _QUESTION: Final = r"(?:how|what|where|which|who|is|are|do|does|has|have|can|cou
 _ASIDES: Final = tuple(
     (re.compile(pattern), instead)
     for pattern, instead in (
+        # what only opens a question: "report:", "quick check:"
+        (
+            r"^\W*(?:(?:\w+ ){0,2}(?:report|query|check|request|inquiry|enquiry|inventory|survey)|"
+            r"status|next|order|command)\s*[:!]\s*",
+            "",
+        ),
         # how exactly it is to be told: "roughly how far", "how long exactly is", "how big is it, roughly?"
         (rf"\b(?:{_ABOUT}|about),? (?=(?:how|what(?! (?:about|is near))|where|which) )", ""),
         (
@@ -219,12 +225,6 @@ _ASIDES: Final = tuple(
         (
             r"[,\s]+(?:as|when) (?:you|one) (?:looks?|faces?|stands?|sees?)(?: (?:at )?(?:it|them|us))?"
             r"(?: from here)?(?=\s*[?.!]*\s*$)",
-            "",
-        ),
-        # what only opens a question: "report:", "quick check:"
-        (
-            r"^\W*(?:(?:\w+ ){0,2}(?:report|query|check|request|inquiry|enquiry|inventory|survey)|"
-            r"status|next|order|command)\s*[:!]\s*",
             "",
         ),
     )
