@@ -544,10 +544,8 @@ def between_words(found: Between, first: str, second: str) -> str:
             f"{together_words(found.together).capitalize()}."
         )
     apart = "touch" if link.touching else f"are {link.distance_m:.2f} m apart"
-    text = f"{first} and {second} {apart}: {link_words(found.method, found.threshold, link)}."
-    if not method_of(found.method).weights_per_frame and link.same + link.different > 0:
-        text += f" Pooled over all pairs of their cells: {_sightings(link.same, link.different)}."
-    return text
+    words = link_words(found.method, found.threshold, link)
+    return f"{first} and {second} {apart}: {words}.{_pooled(found.method, link)}"
 
 
 def _one_object(why: Why) -> str:
@@ -582,7 +580,14 @@ def _weakest(why: Why) -> str:
     if len(why.together) == 0:
         alone = "" if method_of(method).weights_per_frame else f", which counts as {score_text(method, weakest.score)}"
         return f"{text}no frame saw both parts, but they touch{alone}."
-    return f"{text}{together_words(why.together)}."
+    return f"{text}{together_words(why.together)}.{_pooled(method, weakest)}"
+
+
+def _pooled(method: str, evidence: Joint | Link) -> str:
+    """Return the sentence with the sightings that a score comes from; frames count by the pairs of cells they saw."""
+    if method_of(method).weights_per_frame or evidence.same + evidence.different == 0:
+        return ""
+    return f" Pooled over all pairs of their cells: {_sightings(evidence.same, evidence.different)}."
 
 
 def _below(method: str, threshold: float, link: Link) -> str:

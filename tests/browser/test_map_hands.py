@@ -86,7 +86,7 @@ def test_what_is_under_the_pointer_is_outlined_and_said_as_text(bench, page):
             until(page, lambda corner=corner: drawn(page, on_canvas(bench, page, *corner)))
     assert page.locator(".simaps-over img").count() == 0  # a class is a text, whatever it is
     page.mouse.move(*on_canvas(bench, page, *FLOOR))
-    expect(hint).to_be_hidden()
+    expect(hint).to_have_text("floor")  # and where nothing is, what is there instead
     until(page, lambda: not drawn(page, on_canvas(bench, page, *simap.instances[0].aabb_m[0][:2])))
 
 

@@ -136,7 +136,8 @@ def test_sightings_of_a_drawn_row_are_counted_by_hand(row):
     assert link.score == pytest.approx((10 + 2.1) / 28)
     assert summary(why) == (
         "One object because 5 of the 6 frames that saw it saw most of it as one segment. Its weakest joint "
-        "(2 + 2 cells) has 62 %, above the 60 % needed: seen together in 5 frames: as two in 1, as one in 4."
+        "(2 + 2 cells) has 62 %, above the 60 % needed: seen together in 5 frames: as two in 1, as one in 4. "
+        "Pooled over all pairs of their cells: 8 sightings as one, 2 as two."
     )
     assert between_words(between(row, 1, 2), "chair 1", "chair 2") == (
         "chair 1 and chair 2 touch: seen together in 5 frames: as two in 3, as one in 2 → 43 %, below the 60 % "

@@ -280,7 +280,7 @@ class Snapshot:
     words: str = ""
     """Describes what the map showed then; empty for the finished map."""
     badge: str = ""
-    """Marks a map that is not the finished one: "as of frame 178 of 200"; empty for the finished map."""
+    """Marks a map that is not the finished one: "as of frame 178 of 200 · …"; empty for the finished map."""
 
 
 def snapshot_at(shared: Shared, simap: SIMap, *, frame: int | None, step: int | None) -> Snapshot:
@@ -293,7 +293,7 @@ def snapshot_at(shared: Shared, simap: SIMap, *, frame: int | None, step: int | 
         step: position on its `Timeline`; None = the finished map.
     """
     if frame is not None:
-        badge = f"as of frame {frame + 1} of {len(simap.frame_names)}"
+        badge = f"as of frame {frame + 1} of {len(simap.frame_names)} · tab Build goes back"
         look = shared.look_back(simap, frame)
         if look is None:
             return Snapshot(simap, until=frame, words=NO_HISTORY, badge=badge)

@@ -14,15 +14,16 @@ from typing import Any, cast
 import cv2
 import numpy as np
 import viser
+from numpy.typing import NDArray
 
-from simaps_viz.colors.classes import plural
+from simaps_viz.colors.classes import CLUTTER, FLOOR, UNSEEN, WALL, ground_kinds, plural
 from simaps_viz.drawing.legend import counts_text, legend_html, title_of
 from simaps_viz.drawing.texture import TINT, ColorMode, cell_colors, color_modes
 from simaps_viz.drawing.theme import BADGE_STYLE
 from simaps_viz.mapping.in_space import all_instances, has_voxels
 from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.simap import slider_of
-from simaps_viz.structures import Instance, Room, SIMap
+from simaps_viz.structures import Grid, Instance, Room, SIMap
 from simaps_viz.viewer.page.page import MAX_RESOLUTION, MIN_RESOLUTION, Cut, Page, cut_of
 from simaps_viz.viewer.page.panel import Panel, button, button_row, by_person
 from simaps_viz.viewer.page.shared import Snapshot, same_instances
@@ -48,7 +49,9 @@ SPECK_FRAMES, FRAMES_PER_GLANCE, FAINT = 3, 50, 0.25
 """What a glance or two made is a speck, where there are many frames; it keeps this share of its colour."""
 SPECKS_HINT = "What has less is faint and not counted; commands and exports have it all the same."
 MapState = tuple[ColorMode, int, str | None, bool, tuple[int, float, int], Cut | None]
-ABOUT = "What a camera with depth saw. Point at a thing to see its name, click it to ask why."
+GROUND_ID = 1 << 23
+"""Ids of objects are less, in what the page's script is sent."""
+ABOUT = "What a camera with depth saw. Point at a thing to see its name, click or tap it to ask why."
 LEGEND_STYLE = "border-block:1px solid rgba(128,128,128,.25);margin-bottom:.4em"
 """Inline style of the legend."""
 
@@ -553,20 +556,29 @@ def hint_text(one: Instance, cell_m: float) -> str:
 def names_html(simap: SIMap) -> str:
     """Write the objects of a map for the page's script.
 
-    Their ids are a PNG, one pixel a cell, row 0 at the south: red + 256 * green + 65536 * blue, 0 = none. The rest is
-    JSON: the map's extent and the side of a pixel, metres; and of each object, the largest first, id, name, class and
-    what is said of it.
+    Their ids are a PNG, one pixel a cell, row 0 at the south: red + 256 * green + 65536 * blue; from `GROUND_ID` on
+    what is there instead. The rest is JSON: the map's extent and the side of a pixel, metres; the names of what is there
+    instead; and of each object, the largest first, id, name, class and what is said of it.
     """
     step = -(-max(simap.spec.shape) // MAX_SIDE)
-    ids = simap.instance[::step, ::step]
+    ground, ground_of = _ground(simap.grid)
+    ids = np.where(simap.instance > 0, simap.instance, GROUND_ID + ground_of)[::step, ::step]
     picture = np.stack([ids >> 16, ids >> 8 & 255, ids & 255], axis=2).astype(np.uint8)  # OpenCV's order: blue first
     png = base64.b64encode(cv2.imencode(".png", picture)[1].tobytes()).decode()
     cell_m = simap.spec.cell_size_m
     largest = sorted(simap.instances, key=lambda one: (-one.cells, one.id))[:MAX_NAMED]
     rows = [(one.id, one.name, one.label, hint_text(one, cell_m)) for one in largest]
     (xmin, ymin, xmax, ymax), size_m = simap.spec.extent_m, step * cell_m
-    told = json.dumps({"extent": (xmin, ymin, xmax, ymax), "cell": size_m, "objects": rows})
+    told = json.dumps({"extent": (xmin, ymin, xmax, ymax), "cell": size_m, "objects": rows, "ground": ground})
     return (
         f'<div class="simaps-objects" hidden data-objects="{escape(told)}">'
         f'<img alt="" src="data:image/png;base64,{png}"></div>'
     )
+
+
+def _ground(grid: Grid) -> tuple[list[str], NDArray]:
+    """Return what cells may be that belong to no object, and of each cell its place there, int32 [rows, cols]."""
+    kinds = {UNSEEN: "never seen", FLOOR: "floor", CLUTTER: "not named", WALL: "wall"}
+    classes = [f"{name}, no object" if thing else name for name, thing in zip(grid.labels, grid.is_thing, strict=True)]
+    place = np.where(grid.label > 0, len(kinds) + grid.label, ground_kinds(grid))
+    return [*(kinds[kind] for kind in sorted(kinds)), *classes], place.astype(np.int32)

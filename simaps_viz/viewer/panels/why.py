@@ -88,7 +88,7 @@ def bars_html(why: Why, bars: Sequence[tuple[str, float, Color]]) -> str:
     """Draw scores (name, score, colour) as bars, with a mark at the threshold above which parts are one object."""
     if not bars:
         return ""
-    most = max(1.0 if why.threshold > 0.25 else 0.0, 2.0 * why.threshold, *(score for _, score, _ in bars), 1e-9)
+    most = max(1.0 if why.threshold > 0.25 else 2.0 * why.threshold, *(score for _, score, _ in bars), 1e-9)
     at = 100.0 * why.threshold / most
     rows = "".join(
         f'<div style="overflow:hidden;text-overflow:ellipsis;white-space:nowrap">{escape(name)}</div>'

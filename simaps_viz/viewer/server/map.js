@@ -61,6 +61,7 @@
     if (one) state = JSON.parse(one.dataset.state);
     return true;
   };
+  const GROUND_ID = 1 << 23;  // ids from there on are of what is there where no object is
   const readObjects = () => {
     const one = document.querySelector('.simaps-objects');
     if (one === sent) return;
@@ -78,12 +79,13 @@
     plane.height = rows;
     const context = plane.getContext('2d', { willReadFrequently: true });
     context.drawImage(picture, 0, 0);
-    const pixels = context.getImageData(0, 0, cols, rows).data, ids = new Uint32Array(rows * cols);
+    const pixels = context.getImageData(0, 0, cols, rows).data, ids = new Uint32Array(rows * cols), ground = new Uint16Array(rows * cols);
     const objects = new Map(told.objects.map(([id, name, label, facts]) => [id, {
       id, name, label, facts, west: cols, east: -1, south: rows, north: -1, cells: 0, x: 0, y: 0 }]));
     for (let i = 0; i < ids.length; i++) {
       const id = ids[i] = pixels[4 * i] + 256 * pixels[4 * i + 1] + 65536 * pixels[4 * i + 2];
-      const one = id && objects.get(id);
+      if (id >= GROUND_ID) { ground[i] = id - GROUND_ID; ids[i] = 0; continue; }
+      const one = objects.get(id);
       if (!one) continue;
       const row = Math.floor(i / cols), col = i % cols;
       one.west = Math.min(one.west, col); one.east = Math.max(one.east, col + 1);
@@ -93,7 +95,8 @@
     const [xmin, ymin] = told.extent;
     const shown = [...objects.values()].filter((one) => one.cells);
     for (const one of shown) { one.x /= one.cells; one.y /= one.cells; settle(one, ids, cols); }
-    return { ids, rows, cols, cell: told.cell, xmin, ymin, objects, shown };
+    return { ids, rows, cols, cell: told.cell, xmin, ymin, objects, shown, groundAt: (col, row) =>
+      (col >= 0 && row >= 0 && col < cols && row < rows ? told.ground[ground[row * cols + col]] : '') };
   };
   const settle = (one, ids, cols) => {  // a name stands on its object: at the cell nearest to the middle
     if (ids[Math.floor(one.y) * cols + Math.floor(one.x)] === one.id) return;
@@ -343,21 +346,20 @@
     if (drawing.width !== w || drawing.height !== h) { drawing.width = w; drawing.height = h; }
     else context.clearRect(0, 0, w, h);
     drawn = false;
-    let under = null, near = false, name = 0;
+    let under = null, said = '', name = 0;
     if (map && pointer && !pressed) {
       const box = canvas.getBoundingClientRect(), [x, y] = [pointer[0] - box.left, pointer[1] - box.top];
       name = named(x, y);
-      under = map.objects.get(name || aimedAt(...cellAt(toScreen, x, y)));
-      const robot = robotAt();
-      near = robot && Math.hypot(robot[0] - x, robot[1] - y) < ROBOT_PX;
-      if (near) under = null;
-      if (under || near) {
-        const text = near ? ROBOT : under.facts, wide = widthOf(text) + 14;
-        if (hint.textContent !== text) hint.textContent = text;
+      const cell = cellAt(toScreen, x, y), robot = robotAt(), near = robot && Math.hypot(robot[0] - x, robot[1] - y) < ROBOT_PX;
+      under = near ? null : map.objects.get(name || aimedAt(...cell));
+      said = near ? ROBOT : under ? under.facts : map.groundAt(...cell);
+      if (said) {
+        const wide = widthOf(said) + 14;
+        if (hint.textContent !== said) hint.textContent = said;
         hint.style.transform = `translate(${Math.min(x + 14, width - wide - 4)}px, ${y > 44 ? y - 34 : y + 22}px)`;
       }
     }
-    hint.hidden = !under && !near;
+    hint.hidden = !said;
     writeAll(plain ? 'simaps-name' : 'simaps-name simaps-pale', name ? null : under);
     if (map && texts.some(([, text]) => text.startsWith('▶'))) {  // the ranks of others; the map itself outlines the target
       for (const [kind, text, ...label] of texts) {
