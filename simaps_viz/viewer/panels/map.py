@@ -557,8 +557,8 @@ def names_html(simap: SIMap) -> str:
     """Write the objects of a map for the page's script.
 
     Their ids are a PNG, one pixel a cell, row 0 at the south: red + 256 * green + 65536 * blue; from `GROUND_ID` on
-    what is there instead. The rest is JSON: the map's extent and the side of a pixel, metres; the names of what is there
-    instead; and of each object, the largest first, id, name, class and what is said of it.
+    what is there instead. The rest is JSON: the map's extent and the side of a pixel, metres; the names of what is
+    there instead; and of each object, the largest first, id, name, class and what is said of it.
     """
     step = -(-max(simap.spec.shape) // MAX_SIDE)
     ground, ground_of = _ground(simap.grid)
