@@ -356,6 +356,7 @@ GOAL_M = 0.25
 """Half the side of the square around the robot's final position that is kept free of labels."""
 STOPS = "stops here"
 WELCOME, TYPING = "Try an example, or type what the robot shall do.", "Go sends it."
+READING = "Reading it …"
 
 
 @dataclass(frozen=True, eq=False)
@@ -1010,7 +1011,7 @@ class CommandPanel(Panel):
                 self._select_nothing()
             if self._outcome and self._phase == "idle":
                 self._unmark()
-                self._show_typed("", TYPING)
+                self._show_typed("", TYPING if self.uses_model else READING)
             preview = functools.partial(self._page.command_worker.submit, "preview", self._preview)
             self._typing = threading.Timer(PREVIEW_S, preview)
             self._typing.daemon = True

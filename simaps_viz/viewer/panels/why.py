@@ -179,6 +179,7 @@ class WhyPanel(Panel):
     def selection_changed(self, instance_id: int | None) -> None:
         """Queue the explanation of the selected instance."""
         simap = self._page.simap
+        self._apart.content = ""  # what was said of the object before does not hold for this one
         self._page.worker.submit("why", lambda: self._explain(simap, instance_id))
 
     def style(self, simap: SIMap, style: Style) -> Style:
