@@ -111,39 +111,67 @@ def read_command(text: str, labels: Sequence[str] | Mapping[str, int]) -> Readin
 
 
 _LACKING: Final = re.compile(
-    r"^\W*(?:(?:[\w']+ ){0,6}?(?:i|we) (?:\w+ly |really |just |quite |so )*"
-    r"(?:want|need|would|could|fancy|have|must|feel|am|are|should|got|crave)|"
+    r"^\W*(?:(?:[\w']+ ){0,6}?(?:i|we|me) (?:\w+ly |really |just |quite |so )*"
+    r"(?:want|need|would|could|fancy|have|must|feel|am|are|should|got|crave|buy|bought|brought)|"
     r"(?:my|our|this|these|the)(?: \w+){1,3} (?:wants?|needs?|must|ought to|has to|have to|is|are))\b"
     r"|^\W*(?:must|time to) |^\W*\w+ (?:break|time)\W*$"
 )
 """How a clause begins that says what somebody wants, or what has to be done with a thing."""
 _LED: Final = re.compile(
-    r"\W*(?:(?:and|so|then|please|can you|could you) )*"
+    r"\W*(?:quick|quickly|now|fast|hurry|urgently|please)\W*$|\W*(?:(?:and|so|then|please|can you|could you|you) )*"
     r"(?:(?:let us |lets )?go|come|take|bring|show|lead|drive|guide|have|head|pop)\b"
     r"(?: (?:me|us|it|this|them|on|over|to|and|there|then|where|the|a|right|best|proper|spot|place|one|i|we|you|can|"
     r"could|do|that|is|so|look|see|check|investigate|belongs?|goes|wash|way|somewhere|for|please|now|yourself|have|take|find|out))*\W*$"
 )
 """A clause that only sends the robot to where that is done, or to what was spoken of: "take me to the right spot"."""
-_WHERE: Final = re.compile(r"\b(?:in|on|at|near|by|under|next to|behind|beside|from|inside)\b (?=(?:the|my|our|one)\b)")
+_WHERE: Final = re.compile(
+    r"\b(?:for|in|on|at|near|by|under|next to|behind|beside|from|inside)\b (?=(?:the|my|our|one)\b)"
+)
+
+
+_ASKED: Final = re.compile(
+    r"\W*(?!.*\b(?:find|see|seen)\b)(?:(?:so|and|but|then) )*(?:where (?:can|could|do|does|should|may|might|would|to)|"
+    r"where is (?:the |a )?(?:machine|place|thing|spot)|which way|(?:is|are) there (?:any|some)(?:thing|where)|"
+    r"what (?:can|could|should) (?:i|we)|(?:can|could|may) (?:i|we)|any(?:thing|where)|some(?:thing|where))\b"
+)
+"""A clause that asks where that is done: "where can I heat it?", "is there something I could put them up on?"."""
 
 
 def _need(text: str, vocabulary: Vocabulary) -> Reading:
     """Read what somebody needs by what is spoken of: "my shirt is filthy, take me to where I can wash it"."""
     said = [clause for clause in clauses(plainly(text)) if re.search(r"\w", clause)]
-    wishes = [clause for clause in said if not _LED.match(clause)]
-    more = all(re.match(r"\W*(?:(?:and|so|but) )*(?:they|it|i|we)\b", clause) for clause in wishes[1:])
+    asked = [clause for clause in said if _ASKED.match(clause) and text.rstrip().endswith("?")]
+    wishes = [clause for clause in said if not _LED.match(clause) and clause not in asked]
+    more = all(re.match(r"\W*(?:(?:and|so|but) )*(?:they|it|i|we|must)\b", clause) for clause in wishes[1:])
+    # "the baby kept me up all night, I want to lie down": what is told before the wish says why
+    told = len(wishes) > 1 and is_statement(wishes[0], names_things=False)
+    lacking = (wishes and _LACKING.match(wishes[0])) or (told and _LACKING.match(wishes[-1]))
+    spoken = " ".join([*wishes, *asked])
     if (
-        not (wishes and more)
-        or not _LACKING.match(wishes[0])
-        or re.search(r"\?|\b(?:not|never|you|n['’]t|if|unless)\b", " ".join(wishes))
+        not (asked or (wishes and more and lacking))
+        or re.search(r"\b(?:not|never|n['’]t|if|unless)\b", spoken)
+        or re.search(r"\?|\byou\b", " ".join(wishes))
+        or any(_names_known(read_words(clause, vocabulary)) for clause in asked)
     ):
         raise CommandError("")
-    kind = next((kind for kind, pattern in LACKS.items() if pattern.search(wishes[0])), "")
+    kind = next((kind for kind, pattern in LACKS.items() if pattern.search(" ".join(asked))), "")
+    kind = kind or next((kind for kind, pattern in LACKS.items() if pattern.search(spoken)), "")
     noun = vocabulary.noun(kind) if kind else None
     if noun is None or not noun.known or noun.count == 0:
         raise CommandError("")
-    program = Writer().write((Do(("robot.move_to_{0.goal}",), (select(noun, ()),)),))
-    return Reading(program, (f'"{_in_brief(wishes[0].strip(" ,.;:!"))}" is read as the wish for a {kind}',))
+    place = select(noun, ())
+    if asked:  # a question moves nothing
+        step = Do(('tell({0.text}, "where")',), (replace(place, text=place.single, many=False),))
+    else:
+        step = Do(("robot.move_to_{0.goal}",), (place,))
+    brief = _in_brief(spoken.strip(" ,.;:!?"))
+    return Reading(Writer().write((step,)), (f'"{brief}" is read as the wish for a {kind}',))
+
+
+def _names_known(sentence: Sentence) -> bool:
+    """Whether a sentence names a thing of the map."""
+    named = (edge.value for here in sentence.edges for edge in here if edge.kind in ("NOUN", "NOUNS"))
+    return any(noun.known and noun.label not in ("person", "thing") for noun in named)
 
 
 def _there(text: str, vocabulary: Vocabulary) -> Reading:

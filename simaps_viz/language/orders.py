@@ -853,7 +853,7 @@ def _are_there_more(
 
 @_rule(
     "question",
-    "_count ROOMS (IS | EXIST | APPROACH)* (IN? HERE)? _in_map?",
+    "_count ROOMS (IS | EXIST | APPROACH | WITH)* (IN? HERE)? _in_map?",
     "_count ROOMS (_is | DOES | WITH)* DET* MAP WITH?",
 )
 def _how_many_rooms() -> Steps:
@@ -926,12 +926,33 @@ def _are_you_in(room: Phrase) -> Steps:
     return (Do(('tell(distance({0.argument}) == 0, "whether")',), (room,)),)
 
 
+@_rule("question", "IS room DET? key:MORE THAN n:amount SQUAREMETRES", cost=-0.4)
+def _is_room_larger(room: Phrase, key: str, n: float) -> Steps:
+    if key not in ("large", "small"):
+        raise CommandError("")
+    return (Do((f'tell(size({{0.argument}}, "area") {">" if key == "large" else "<"} {n:g}, "whether")',), (room,)),)
+
+
+@_rule("question", "IS a:np b:np &ASKED", cost=0.3)
+def _is_it_the_most(a: Phrase, b: Phrase) -> Steps:
+    """Read "is the kitchen the biggest room?"."""
+    if not b.text.startswith("first(order("):
+        raise CommandError("")
+    phrases = tuple(replace(one, many=False) for one in (a, b))
+    return (Do(('tell(count(minus({0.argument}, {1.argument})) == 0, "whether")',), phrases),)
+
+
 @_rule("question", "EXIST DET* room")
 def _is_there_room(room: Phrase) -> Steps:
     return (Do((f'tell({room.whole or room.text}, "whether")',), notes=room.notes),)
 
 
-@_rule("question", "EXIST np IN EVERY (OF | DET)* (ROOM | ROOMS)", cost=-0.3)
+@_rule(
+    "question",
+    "EXIST np IN EVERY (OF | DET)* (ROOM | ROOMS)",
+    "(DOES | WITH) EVERY (OF | DET)* (ROOM | ROOMS) WITH np",
+    cost=-0.4,
+)
 def _is_there_in_every_room(np: Phrase) -> Steps:
     """Read "is there a clock in every room?": no room is without."""
     rest = f"without({ALL_ROOMS.text}, {np.argument})"
@@ -1053,7 +1074,7 @@ def _are_as_many(a: Phrase, b: Phrase | None = None, relation: Parts = ()) -> St
 @_rule("question", "EXIST? counted:COUNTED np IN? a:room OR IN? b:room", cost=-0.5)
 @_rule(
     "question",
-    "IN? WHICH (ROOM | ROOMS) (IS | EXIST | HERE | WITH | DOES | APPROACH | SEE)* counted:COUNTED np "
+    "IN? WHICH (ROOM | ROOMS)? (IS | EXIST | HERE | WITH | DOES | APPROACH | SEE)* counted:COUNTED np "
     "(COMMA | STOP)+ IN? a:room OR IN? b:room",
     cost=-0.5,
 )
@@ -1098,6 +1119,7 @@ def _asked_whether(question: Steps) -> Steps:
     return question
 
 
+@_rule("question", "(IS | DOES) condition:in_one_room", "DOES condition:room_has_more", cost=-0.6)
 @_rule("question", "_whether condition", cost=0.1)
 def _does_it_hold(condition: Condition) -> Steps:
     """Read "check whether the suitcase is under a table", "tell me if there are more chairs than stools"."""
@@ -1116,6 +1138,14 @@ def _is_it(np: Phrase, relation: Parts = (), adjective: Parts = ()) -> Steps:
     if not relation and not adjective:  # "are the stools in a row?"
         raise CommandError("")
     return _told(refine(np, (*relation, *adjective)), "whether")
+
+
+@_rule("question", "DOES (EVERY | BOTH) (OF | DET)* pre* noun WITH of:np _on_it?", cost=-0.2)
+def _do_all(noun: Noun, of: Phrase, pre: Sequence[Parts] = ()) -> Steps:
+    """Read "do all the desks have a lamp?": none is without."""
+    every = select(noun, [part for parts in pre for part in parts], every=True)
+    other = _changed(every, f"minus({every.text}, having({every.text}, {of.argument}))", every.notes + of.notes)
+    return (Do(('tell(count({0.text}) == 0, "whether")',), (replace(other, many=False),)),)
 
 
 @_rule("question", "IS relation COMMA? np HERE?", cost=0.1)
@@ -1348,10 +1378,14 @@ def _is_so_far(np: Phrase, distance: Measure, less: str = "") -> Condition:
     return f"distance({{0.argument}}) {'<' if less else '>'} {distance.text}", (replace(np, many=False),)
 
 
-@_rule("condition", "a:room WITH counted:COUNTED np THAN b:room", cost=-0.4)
+@_rule("room_has_more", "a:room WITH counted:COUNTED np THAN b:room")
 def _room_has_more(a: Phrase, counted: str, np: Phrase, b: Phrase) -> Condition:
     inside = tuple(_changed(np, f"inside({np.text}, {room.text})", many=False) for room in (a, b))
     return f"count({{1.text}}) {'>' if counted == 'more' else '<'} count({{2.text}})", (a, *inside)
+
+
+_rule("condition", "room_has_more", cost=-0.4)(lambda room_has_more: room_has_more)
+_rule("condition", "in_one_room", cost=-0.3)(lambda in_one_room: in_one_room)
 
 
 @_rule("condition", "room WITH np", cost=-0.3)
@@ -1386,7 +1420,11 @@ def _holds(np: Phrase, relation: Parts = (), adjective: Parts = (), negation: st
     return f"count({{0.text}}) {'==' if negation else '>'} 0", (replace(phrase, many=False),)
 
 
-@_rule("condition", "a:np AND b:np IS negation:NOT? IN DET* SAME ROOM", cost=-0.3)
+@_rule(
+    "in_one_room",
+    "a:np AND b:np IS? negation:NOT? IN DET* (SAME | ONE) ROOM",
+    "a:np AND b:np IS? IN _number? (negation:OTHER | negation:DIFFERENT) ROOMS",
+)
 def _in_one_room(a: Phrase, b: Phrase, negation: str = "") -> Condition:
     return _holds(a, _inside_of(b), negation=negation)
 
@@ -1685,6 +1723,7 @@ def _but(b: Steps, not_: Steps = ()) -> Steps:
 )
 @_rule("introduced", "(SEE | SEEQ) _dets (row:ROW OF _dets)? pre* noun (post | IT)*")
 @_rule("introduced", "LOOK AT? _dets row:ROW OF _dets pre* noun (post | IT)*")
+@_rule("introduced", "LOOK AT? _dets &(pre* NOUNS) pre* noun (post | IT)* &(STOP (GO | TAKE | APPROACH))")
 def _introduced(
     noun: Noun,
     pre: Sequence[Parts] = (),

@@ -169,7 +169,8 @@ _TO_DO: Final = re.compile(
 """What has to be done with what is counted: "how many windows do I have to wash in the kitchen?"."""
 _SO_FACING: Final = re.compile(r"(?<!yourself )\bso (?:that )?you(?: are)? (?:facing|looking|face|look)\b")
 _SPACE: Final = re.compile(
-    r"\bwhich (?:one |room |of them )?(?:has(?: got)?|offers|gives) (?:more|the most) (?:space|room|floor space|area)\b"
+    r"\bwhich (?:one |room |of them )?(?:has(?: got)?|offers|gives) (?:more|the most) (?:space|room|floor space|"
+    r"area)\b"
 )
 _AT_LAST: Final = re.compile(
     r"\b((?:where|what|who|which|how) [^.!?]*?) (?:again|this time|these days|nowadays)(?=\W*$)"
@@ -230,6 +231,129 @@ _ASIDES: Final = tuple(
     )
 )
 """What carries nothing wherever it is said, and what is left of it."""
+_WHOSE: Final = (
+    r"(?:any(?:body|one)|some(?:body|one)|one of you|they|people|we|you|i|he|she|(?:my|our|the|your) (?:kids|boys?|"
+    r"girls?|"
+    r"children|guests?|wife|husband|mum|dad|son|daughter|visitors?|staff|cleaners?))"
+)
+_PLACED_AT: Final = (
+    r"(?:in|on|at|under|underneath|beneath|behind|between|beside|by|near|next to|inside|above|over|here|there)\b"
+)
+_EXTENT: Final = r"(length|height|width|breadth|size|area)"
+_REWORDED: Final = tuple(
+    (re.compile(pattern), instead)
+    for pattern, instead in (
+        # measures: "what length is it", "how many square metres does it have", "more than two metres long"
+        (
+            rf"\b(?:of )?what {_EXTENT} (?:is|are|does|do|has|have) ([^,.?!]+?)(?: have| got| measure)?(?=\s*[,.?!]|"
+            rf"\s*$)",
+            r"what is the \1 of \2",
+        ),
+        (r"\bwhat are the (?:measurements|dimensions|measures) of\b", "how big is"),
+        (
+            r"\bhow (?:many square met(?:re|er)s|much (?:floor |free )?(?:space|area|room))(?: of \w+)? (?:does|do|"
+            r"has|have|is|are)(?: there in)? "
+            r"([^,.?!]+?)(?: have| got| cover| measure| take up| offer)?(?=\s*[,.?!]|\s*$)",
+            r"how big is \1",
+        ),
+        (r"\bhow (big|large) an? (?:room|place|thing) is\b", r"how \1 is"),
+        (r"\bhow many (?:centi)?met(?:re|er)s (long|wide|high|tall|deep|big|broad) (is|are)\b", r"how \1 \2"),
+        (
+            r"\b(?:would|does|will) (?:a|the|my) (?:tape(?: measure)?|ruler|yardstick) (?:show|read|say|give) (?:me )?"
+            r"(more|less) than ([\d.]+|\w+)( (?:centi)?met(?:re|er)s?| c?m) (?:for|at|along|across) ([^,.?!]+)",
+            r"is \4 \1 than \2\3 long",
+        ),
+        (
+            r"\b(?:does|do) ([^,.?!]+?) (?:measure|have) (more|less) than ([\d.]+|\w+)( (?:square |centi)?met(?:re|"
+            r"er)s?| c?m)\b",
+            r"is \1 \2 than \3\4 long",
+        ),
+        *(
+            (
+                rf"\b(?:{than}) ([\d.]+|\w+)( (?:centi)?met(?:re|er)s?| c?m) {said}\b",
+                rf"{word} than \1\2",
+            )
+            for said, more, less in (
+                ("(?:long|wide|across)", "longer", "shorter"),
+                ("(?:high|tall)", "taller", "lower"),
+            )
+            for than, word in (("more than|over|above|at least", more), ("less than|under|below|at most", less))
+        ),
+        (r"\b(?:more|over) (than )?([\d.]+|\w+)( square met(?:re|er)s?)(?: (?:long|large|big))?", r"larger than \2\3"),
+        (
+            r"\b(?:less|under) (than )?([\d.]+|\w+)( square met(?:re|er)s?)(?: (?:long|large|big))?",
+            r"smaller than \2\3",
+        ),
+        # counts: "is there one, or are there two?"
+        (
+            r"^(\W*)(?:(?:is|are) there|(?:do|have) (?:i|we|you)(?: have| got)?)(?: just| only)? (?:an?|one|two|"
+            r"three|four|five) "
+            r"([^,.?!]+?),? or (?:(?:is|are) (?:it|there) |rather |maybe )?(?:just |only )?(?:one|two|three|four|"
+            r"five|more|several)(?=\W*$)",
+            r"\1how many \2 are there",
+        ),
+        (
+            r"^(\W*)(?:one|two|three) ([\w ]+?) or (?:one|two|three|four|more)((?: in| at| on| here)?[\w ]*)(?=\?)",
+            r"\1how many \2 are there\3",
+        ),
+        (r"\b(are there [^,.?!]*?)in all (?:of )?(?:the |our |these |your )?rooms\b", r"\1in every room"),
+        # who put there what is asked for, or saw it
+        (r"\bwho(?: has| have| is|['’]s)? (?:seen|saw|spotted|noticed|found) ", "where is "),
+        (
+            r"\b(?:who|somebody|anybody|anyone|does (?:any(?:body|one)|some(?:body|one))) knows? (?=(?:where|how|"
+            r"what|which)\b)",
+            "",
+        ),
+        (
+            rf"(^\W*|[,.;:!?] *)(?:has|have|had|did) {_WHOSE} (?!seen?\b|found?\b|got\b|notice|spot|ha(?:ve|s|"
+            rf"d)\b)\w+(?: down| away| behind)? "
+            rf"(?=(?:an?|any|some|anything|something|\w+s)\b[^,.?!]* {_PLACED_AT})",
+            r"\1is there ",
+        ),
+        (
+            rf"(^\W*|[,.;:!?] *)(?:has|have|had|did) {_WHOSE} (?!seen?\b|found?\b|got\b|notice|spot|ha(?:ve|s|"
+            rf"d)\b)\w+(?: down| away| behind)? "
+            rf"(?=(?:the|my|our|it)\b[^,.?!]* {_PLACED_AT})",
+            r"\1is ",
+        ),
+        (
+            rf"\b(?:is|are) (any(?:body|one|thing)|some(?:body|one|thing)) (?:\w+ing|left|put|kept)(?: down| about| "
+            rf"around)? (?={_PLACED_AT})",
+            r"is there \1 ",
+        ),
+        (
+            rf"\b(?:do|does) (any(?:body|one|thing)|some(?:body|one|thing)|(?:any|an?) [\w ]{{2,25}}?) (?:lie|stand|"
+            rf"sit|hang|live|rest|wait)s?"
+            rf"(?: down| about| around)? (?={_PLACED_AT})",
+            r"is there \1 ",
+        ),
+        (rf"\b((?:any|some|no|every)thing) left (?={_PLACED_AT})", r"\1 "),
+        (
+            r"\b(how many [\w ]{3,30}?) (?:live|lives|are living|do live)\b(?: with (?:us|me|you|them))?",
+            r"\1 are there",
+        ),
+        (r"\b(where (?:is|are) [^,.?!]+?) for (?:that|this|it)(?=\s*\?)", r"\1"),
+        (
+            rf"\bwhat colou?r (?:have|has|did|do|does) {_WHOSE} (?:\w+) (?:for |to )?(?=the\b|my\b|our\b|this\b|"
+            rf"that\b)",
+            "what colour is ",
+        ),
+        (r"\b(what colou?r (?:is|are) [^,.?!]+?) (?:painted|dyed|coloured|done)(?: in)?(?=\W*$)", r"\1"),
+        (
+            r"(^\W*|[,.;:!?] *|and |then )(?:go )?(?:and )?(?:have|take) a (?:quick |good |closer |little )?look "
+            r"(?:at )?(?=(?:what|where|which|how)\b)",
+            r"\1",
+        ),
+        (
+            r"(^\W*|[,.;:!?] *|and |then )(?:go )?(?:and )?(?:have|take) a (?:quick |good |closer )?look (?=(?:if|"
+            r"whether)\b)",
+            r"\1check ",
+        ),
+        (r"\b(?:(?:on|at|to) )?(?:either|each|both) sides? of\b", "next to"),
+        (r"\b(can|do) you see (it|them|him|her) anywhere\b", r"where is \2"),
+    )
+)
+"""What is asked in other words: by what it is asked instead."""
 _YOURSELF: Final = re.compile(
     r"(?:^|(?<=[,.;!] )|(?<=then ))(\w+) yourself(?= (?:right |directly |down |just )?"
     r"(?:in|into|between|beside|next|near|by|at|under|behind|on|to|over|along|across)\b)"
@@ -251,7 +375,8 @@ _PURPOSE: Final = re.compile(
 )
 """Where a clause or "to get rid of this cup" begins."""
 _SUBJECT: Final = (
-    r"he|she|they|it|this|that|there|here|some(?:body|one|thing)|every(?:body|one)|people|my|our|his|her|their|the|an?|some|"
+    r"he|she|they|it|this|that|there|here|some(?:body|one|thing)|every(?:body|one)|people|my|our|his|her|their|the|"
+    r"an?|some|"
     r"these|those|all|your eyes|you (?:are|were|have been|look|seem)"
 )
 _STATEMENT: Final = re.compile(
@@ -259,8 +384,10 @@ _STATEMENT: Final = re.compile(
     r"(?:i|we)\s+(?:\w+ly\s+|just\s+|also\s+)*"
     r"(?!want|need|would|like|wish|should|must|mean|meant|can\b(?!['’]t|not)|could|go\b|visit|see\b|"
     r"(?:am|are) (?:looking|searching|after))\w+"
-    rf"|(?:{_SUBJECT})\b.*\b(?:is|are|was|were|am|has|have|had|been|wants?|needs?|looks?|seems?|smells?|said|says|told|hurts?|aches?|feels?|asked|will|"
-    r"can|could|did|does|left|lost|came|went|forgot|put|dropped|fell|hid|sat|slept|stood|took|threw|bought|brought|broke|thought|"
+    rf"|(?:{_SUBJECT})\b.*\b(?:is|are|was|were|am|has|have|had|been|wants?|needs?|looks?|seems?|smells?|said|says|"
+    rf"told|hurts?|aches?|feels?|asked|will|"
+    r"can|could|did|does|left|lost|came|went|forgot|put|dropped|fell|hid|sat|slept|stood|took|threw|bought|brought|"
+    r"broke|thought|"
     r"knew|met|made|saw|gave|got|found|kept|ate|drank|wrote|ran|hung|meant|sold|spilt|\w+n['’]?t|\w{2,}ed)\b"
     r"|(?:\w+ ){1,3}(?:is|are|was|were) (?:\w+ )?\w{2,}ing\b"
     r"|(?:my|our|his|her) \w+ \w+s\b|(?:he|she|it) \w+s\b|\w+s (?:are|were|have)\b|.*\bwrong (?:way|direction|side)\b"
@@ -273,13 +400,15 @@ _REASON: Final = re.compile(
     r"(?!\s+(?:want|need|would like)\b)"
 )
 _WISH: Final = re.compile(
-    r"^(?!.*\b(?:not|no|never|nor|except|but|only|unless|avoid|without|instead|you|ones?|other|first|last|then|\w+n['’]t)\b)"
+    r"^(?!.*\b(?:not|no|never|nor|except|but|only|unless|avoid|without|instead|you|ones?|other|first|last|then|"
+    r"\w+n['’]t)\b)"
     r"\W*(?:let us (?:see|check|find out) (?:if|whether)\b|(?:(?!if\b|when\b|unless\b|go\b|where\b|which\b)\w+ ){1,4}?"
     r"(?:wants?|needs?|would (?:like|love)|should|must|ha(?:s|ve) to|(?:am|are|is) (?:dying|longing|starving))\b)"
 )
 """A clause that says what somebody wants, or what has to be done."""
 _LIMITS: Final = re.compile(
-    r"\b(?:not|no|never|none|nothing|without|only|except|but|avoid|unless|if|when|rather|instead|until|before|after|must|"
+    r"\b(?:not|no|never|none|nothing|without|only|except|but|avoid|unless|if|when|rather|instead|until|before|after|"
+    r"must|"
     r"should|ought|(?:has|have|had|needs?|wants?|supposed|got) to|other|ones?|cannot|keep|stay|\w+n['’]?t|how|whether"
     r")\b|\?|\b(?:i am|we are) (?:\w+ing )?(?:right |just |over )?(?:at|in|on|by|near|next|under|behind|beside)\b"
 )
@@ -330,8 +459,8 @@ def plainly(text: str) -> str:
     said = re.sub(r"\s[-–—]+\s", ", ", re.sub(r"\s*(?:[-=]*>|→)\s*", ", then ", said))
     said = written_out(_SHORT.sub(r"\1 \2", said))
     said = _WORD.sub(lambda found: SPELLED.get(found[0].replace("’", "'"), found[0]), said)
-    for aside, instead in _ASIDES:
-        said = aside.sub(instead, said)
+    for words, instead in (*_ASIDES, *_REWORDED):
+        said = words.sub(instead, said)
     said = _LEFT.sub(r"\1", re.sub(r"\bam i\b", "are you", said))
     said = re.sub(r"\bif you were (?=(?:at|by|in|near|next)\b)", "if you would go ", said)
     said = _WHICH_FIRST.sub("", said)
@@ -344,12 +473,6 @@ def plainly(text: str) -> str:
     said = re.sub(r"(?<!have )\b(i|we) got (?=some\b|an?\b|my\b)", r"\1 have ", said)
     said = re.sub(r"[,;]?\s*\bforget (?:about )?the [\w ]{2,25},\s*", ", no, ", said)
     said = _FILLERS.sub(" ", _CONTRACTED.sub(r"\1 is", said))
-    said = re.sub(
-        r"(^\W*|[,.;:!] *)(?:did|have) (?:i|we|you|they|somebody|someone) (?:leave|left|put|forget|lose) "
-        r"(?=(?:the|my|our|an?|it)\b[^,.?]* (?:in|on|at|under|by|near|next)\b)",
-        r"\1is ",
-        said,
-    )
     said = _TO_DO.sub(r"\1 are there", _ENDED_UP.sub(r"\1 is \2", _AT_LAST.sub(r"\1", said)))
     said = _SPACE.sub("which is larger", _SO_FACING.sub("to face", said))
     said = re.sub(r"\bwhat (?:is )?its colou?r(?: is)?\b|\bits colou?r(?=\W*$)", "what colour is it", said)
@@ -448,14 +571,17 @@ _MOTION: Final = re.compile(
 _PUT: Final = re.compile(r"sat|stood|laid|set|hung|put|left|kept")
 _PLACED: Final = re.compile(rf"\w{{2,}}(?:ed|ing)|{_PUT.pattern}")
 _PLACE: Final = re.compile(
-    r"((?:(?:up|down|out|right|just|away|all|around|about|in|off) )*)(?:on|in|at|by|near|next to|close to|beside|under|"
+    r"((?:(?:up|down|out|right|just|away|all|around|about|in|off) )*)(?:on|in|at|by|near|next to|close to|beside|"
+    r"under|"
     r"underneath|beneath|behind|"
     r"between|against|inside|above|below|over|opposite|alongside|atop|around|in front of)\b"
 )
 """What follows a word that only says how a thing is there: "propped up against", "dangling over"."""
 _ADVERB: Final = re.compile(
-    r"(?!(?:fami|assemb|jel|but?ter|bel|pars|ho|li|bul|daff?odi|rely|ap|sup|mono|anoma|part|near|hard|bare|scarce|alternate|"
-    r"repeated|continual|endless|dai|hour|week|month|year|diagonal|simultaneous|separate|backward|exclusive|sole)ly)\w{3,}ly"
+    r"(?!(?:fami|assemb|jel|but?ter|bel|pars|ho|li|bul|daff?odi|rely|ap|sup|mono|anoma|part|near|hard|bare|scarce|"
+    r"alternate|"
+    r"repeated|continual|endless|dai|hour|week|month|year|diagonal|simultaneous|separate|backward|exclusive|"
+    r"sole)ly)\w{3,}ly"
 )
 """How something is done or said, "gracefully", but not how much, how often or which way."""
 _COST_OF_WORD: Final = 0.3
@@ -471,7 +597,8 @@ _PLACING: Final = frozenset(["IN", "AT", "BY", "NEAR", "ON", "UNDER", "BEHIND", 
 _RELATIVES: Final = frozenset(["that", "which", "who", "where"])
 _BEFORE_NOUNS: Final = frozenset(["the", "a", "an", "my", "your", "our", "this", "that", "these", "those"])
 _TELLING: Final = re.compile(
-    r"COLOR|SHAPE|SIZE|SUPER|MORE|ORD|NUM|ONE|NEAREST|FARTHEST|OTHER|EMPTY|FREE|TAKEN|ALONE|MOST|LEFT|RIGHT|NORTH|SOUTH|EAST|"
+    r"COLOR|SHAPE|SIZE|SUPER|MORE|ORD|NUM|ONE|NEAREST|FARTHEST|OTHER|EMPTY|FREE|TAKEN|ALONE|MOST|LEFT|RIGHT|NORTH|"
+    r"SOUTH|EAST|"
     r"WEST|MIDDLE|INTER|NOUNS?|ROOMKIND|ROOM|NOT|ONLY|SEEN|SAME|EVERY|DET|BOTH|MOSTLY|FEWEST|EITHER|NEARBY|"
 )
 """Kinds of tokens that tell which thing is meant, or join what does."""

@@ -281,6 +281,9 @@ def correct(word: str, known: Iterable[str]) -> str | None:
     for candidate in known:
         if len(candidate) < _MIN_LETTERS or word[0] not in candidate[:2]:
             continue
+        # Of four letters one is seldom changed: "live" is not "lime", but "lmap" and "lap" are a lamp.
+        if len(word) == len(candidate) == _MIN_LETTERS and sorted(word) != sorted(candidate):
+            continue
         found = slips(word, candidate, fewest - 1)
         if found < fewest:
             best, fewest = candidate, found

@@ -724,6 +724,45 @@ def test_numbers_that_no_program_may_hold_are_refused_in_a_line(said: str, numbe
             "As you look at the table from here, what is left of the couch?",
             'tell(side(things("anything"), "left", the(things("couch"))), "what")',
         ),
+        # measures, counts and rooms compared in any words
+        ("How many square metres does the kitchen have?", 'tell(room("kitchen"), "size", "", "")'),
+        ("What length is the couch?", 'tell(things("couch"), "size", "", "length")'),
+        ("is the couch more than two metres long?", 'tell(sized(things("couch"), "long", 2), "whether")'),
+        ("Is the kitchen smaller than 20 square metres?", 'tell(size(room("kitchen"), "area") < 20, "whether")'),
+        ("has every room got a chair?", 'tell(count(without(rooms(), "chair")) == 0, "whether")'),
+        (
+            "Do all the chairs have a potted plant?",
+            'tell(count(minus(things("chair"), having(things("chair"), "potted plant"))) == 0, "whether")',
+        ),
+        (
+            "Are the chair and the couch in different rooms?",
+            'tell(count(inside(things("chair"), room("couch"))) == 0, "whether")',
+        ),
+        (
+            "is the kitchen the biggest room?",
+            'tell(count(minus(room("kitchen"), first(order(rooms(), "large")))) == 0, "whether")',
+        ),
+        ("Do I have one chair in the kitchen, or two?", 'tell(inside(things("chair"), room("kitchen")), "count")'),
+        (
+            "Which has more chairs, the kitchen or the office?",
+            'tell(first(order(union(room("kitchen"), room("office")), "many", "chair")), "which")',
+        ),
+        # who put it there, and words that are no misspellings
+        (
+            "Has anybody left a potted plant on the couch?",
+            'tell(on(things("potted plant"), the(things("couch"))), "whether")',
+        ),
+        ("Have a look what's lying on the couch.", 'tell(on(things("anything"), the(things("couch"))), "what")'),
+        ("How many chairs live with us?", 'tell(things("chair"), "count")'),
+        (
+            "Look at the chairs by the couch: go to the second one from the left.",
+            'robot.move_to_object(nth(order(near(things("chair"), the(things("couch"))), "left"), 2))',
+        ),
+        (
+            "My feet are swollen, is there something I could put them up on?",
+            'tell(nearest(things("couch")), "where")',
+        ),
+        ("Where is the milk?", 'tell(search("milk"), "where")'),
     ],
 )
 def test_kinds_of_words_are_read_wherever_they_stand(said: str, program: str) -> None:
