@@ -7,10 +7,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.colors.classes import plural
 from simaps_viz.colors.palette import Color
 from simaps_viz.drawing.sheet import INK, fitting, write
 from simaps_viz.drawing.texture import MapPicture
-from simaps_viz.drawing.theme import LIGHT, Theme
+from simaps_viz.drawing.theme import LIGHT, Theme, short
 from simaps_viz.structures import GridSpec
 
 if TYPE_CHECKING:
@@ -31,6 +32,8 @@ KINDS: Mapping[str, tuple[Color, str]] = {
     "small": ((90, 15, 105), "too small to be compared, and on no object of its class"),
 }
 """Colour and meaning of every kind of difference; distinguishable with any kind of colour vision (see the tests)."""
+MAX_NAMED = 5
+"""Objects of a difference that are named; the rest is counted."""
 LIGHT_MISSED: Color = (238, 240, 244)
 """Colour of missed objects on a dark page."""
 HEAT = np.array([(255, 244, 190), (238, 112, 22), (96, 0, 24)], np.float64)
@@ -47,6 +50,34 @@ HEAD = 0.055
 def mark_color(kind: str, theme: Theme = LIGHT) -> Color:
     """Return the colour in which a kind of difference is marked."""
     return LIGHT_MISSED if theme.dark and kind == "missed" else KINDS[kind][0]
+
+
+def difference_text(kind: str, here: Sequence[str], there: Sequence[str], label: str, iou: float) -> str:
+    """Describe a difference: "merged · chairs 4 + 5 → 1", "missed · chair 2", "label · chair 1 → couch 2 · 90% alike".
+
+    Args:
+        kind: one of `KINDS`.
+        here: names of the objects that take part.
+        there: their names on the other map.
+        label: class of the first object.
+        iou: the largest intersection over union of two of them.
+    """
+    both = f"{kind} · {together(here or there)}" + (f" → {together(there, known=label)}" if here and there else "")
+    return f"{both} · {iou:.0%} alike" if kind in ("label", "outline", "edge") else both
+
+
+def together(names: Sequence[str], *, known: str = "") -> str:
+    """Name several objects: "chairs 4 + 5"; only the numbers if their class is ``known``."""
+    parts = [name.rpartition(" ") for name in names]
+    labels = {label for label, _, _ in parts}
+    more = f" + {len(names) - MAX_NAMED} more" if len(names) > MAX_NAMED else ""
+    if len(labels) > 1:
+        return " + ".join(short(name) for name in names[:MAX_NAMED]) + more
+    numbers = " + ".join(number for _, _, number in parts[:MAX_NAMED]) + more
+    (label,) = labels or {""}
+    if label == known:
+        return numbers
+    return f"{short(label if len(names) == 1 else plural(2, label).removeprefix('2 '))} {numbers}"
 
 
 def errors_of(maps: "TwoMaps") -> NDArray:

@@ -9,19 +9,20 @@ import numpy as np
 import pytest
 from browser import PATIENCE_S, free_port, toy_services
 from fake_page import fake_page
+from judged_maps import drawn, map_of_ids
 from toy_maps import TOY_POSE, toy_map
 
 from simaps_viz.drawing.legend import facts_html, legend_html
 from simaps_viz.drawing.texture import cell_colors, outline_segments
 from simaps_viz.drawing.theme import LIGHT
 from simaps_viz.errors import InputError
-from simaps_viz.evaluation.two_maps import TRUTH, Source
+from simaps_viz.evaluation.two_maps import TRUTH, Source, compare_two
 from simaps_viz.mapping.simap import repartition
 from simaps_viz.viewer.page.shared import keep_numbers, same_instances
 from simaps_viz.viewer.panels import map as map_panel
-from simaps_viz.viewer.panels.compare import MethodPanel, method_panel
+from simaps_viz.viewer.panels.compare import MethodPanel, item_text, method_panel
 from simaps_viz.viewer.panels.instance import FindBox
-from simaps_viz.viewer.panels.map import FAINT, MapPanel, change_text, changed_instances, specks_on
+from simaps_viz.viewer.panels.map import FAINT, MapPanel, change_text, changes_between, specks_on
 from simaps_viz.viewer.scene.map_scene import Style
 from simaps_viz.viewer.workbench import Workbench
 
@@ -48,10 +49,45 @@ def plainly_changed(before, after):
 def test_what_changed_is_what_has_other_cells(k):
     whole, cut = toy_map(), repartition(toy_map(), k_percent=k)
     for before, after in ((whole, cut), (cut, whole)):
-        others, edges = changed_instances(before, after)
-        assert tuple(sorted((*others, *edges))) == plainly_changed(before, after)
-        assert set(edges) == set(plainly_changed(before, after)) & set(plainly_same(before, after).values())
-    assert changed_instances(whole, whole) == ((), ())
+        changes, edges = changes_between(before, after)
+        both = *changes, *edges
+        assert tuple(sorted(one for change in both for one in change.after)) == plainly_changed(before, after)
+        assert tuple(sorted(one for change in both for one in change.before)) == plainly_changed(after, before)
+        same = plainly_same(before, after)
+        assert all(same[change.before[0]] == change.after[0] for change in edges)
+    assert changes_between(whole, whole) == ((), ())
+
+
+@pytest.mark.parametrize("k", [0.0, 12.0, 30.0, 100.0])
+def test_a_change_is_one_from_either_side_in_the_words_of_a_comparison(k):
+    whole, cut = toy_map(), repartition(toy_map(), k_percent=k)
+    there, back = changes_between(whole, cut)[0], changes_between(cut, whole)[0]
+    assert there and {(one.before, one.after, one.extent_m) for one in there} == {
+        (one.after, one.before, one.extent_m) for one in back
+    }
+    maps = compare_two(("before", whole), ("after", cut))
+    assert {one.text for one in there} == {item_text(item, maps) for item in maps.differences}
+    maps = compare_two(("before", cut), ("after", whole))
+    assert {one.text for one in back} == {item_text(item, maps) for item in maps.differences}
+
+
+@pytest.mark.parametrize(
+    ("now", "classes", "said"),
+    [
+        ("1111.2222", {1: "chair", 2: "chair"}, []),
+        ("111..2222", {1: "chair", 2: "chair"}, []),  # another outline
+        ("1111.3333", {1: "chair", 3: "chair"}, []),  # another number
+        ("1111.....", {1: "chair"}, ["missed · chair 2"]),
+        ("111132222", {1: "chair", 2: "chair", 3: "table"}, ["extra · table 3"]),
+        ("1111.2222", {1: "chair", 2: "table"}, ["label · chair 2 → table 2 · 100% alike"]),
+        ("1111.2233", {1: "chair", 2: "chair", 3: "table"}, ["split · chair 2 → chair 2 + table 3"]),
+        ("111111111", {1: "chair"}, ["merged · chairs 1 + 2 → 1"]),
+    ],
+)
+def test_every_kind_of_change_has_its_words(now, classes, said):
+    before = map_of_ids(drawn("1111.2222"), {1: "chair", 2: "chair"})
+    changes, edges = changes_between(before, map_of_ids(drawn(now), classes))
+    assert [change.text for change in changes] == said and len(edges) == now.startswith("111.")
 
 
 def plainly_same(before, after):
@@ -88,9 +124,15 @@ def test_an_object_keeps_its_number_however_the_cut_calls_it(k, seed):
 def test_the_words_name_the_classes_that_have_other_counts():
     whole, cut = toy_map(), repartition(toy_map(), k_percent=30.0)
     said = "4 chairs (3 before), 3 dining tables (2 before)"
-    assert change_text(whole, cut, 4, 0) == f"{said}, 4 objects changed"
-    assert change_text(whole, cut, 0, 1) == f"{said}, 1 outline is slightly different"
-    assert change_text(whole, whole, 0, 0) == "nothing changed"
+    changes, _ = changes_between(whole, cut)
+    lines = [change.text for change in changes]
+    assert change_text(whole, cut, changes, 0) == "\n".join((f"{said}, {len(changes)} changes", *lines))
+    assert change_text(whole, cut, changes[:1], 0) == f"{said}, 1 change\n{lines[0]}"
+    many = change_text(whole, cut, changes * 5, 1).splitlines()
+    assert many[0].endswith("changes, 1 outline is slightly different")
+    assert many[1:] == [*(change.text for change in (changes * 5)[:3]), f"and {len(changes) * 5 - 3} more"]
+    assert change_text(whole, cut, (), 1) == f"{said}, 1 outline is slightly different"
+    assert change_text(whole, whole, (), 0) == "nothing changed"
 
 
 def test_a_moved_slider_says_what_it_changed_and_one_button_shows_before(monkeypatch):
@@ -103,18 +145,19 @@ def test_a_moved_slider_says_what_it_changed_and_one_button_shows_before(monkeyp
         session.cut_map(30.0, 1.0)
         assert session.wait_idle() and panel._change.visible
         cut = session.simap
-        assert "Now: K 30 %: 4 chairs (3 before), 3 dining tables (2 before), 4 obj" in panel._change.content
-        changed = changed_instances(whole, cut)[0]
-        assert drawn[-1] == (cut, changed)
+        changes, _ = changes_between(whole, cut)
+        said = change_text(whole, cut, changes, 0)
+        assert f"Now: K 30 %: {said}<" in panel._change.content
+        assert drawn[-1] == (cut, tuple(one for change in changes for one in change.after))
         # One after the other, the largest first, and around.
-        assert panel._step.visible and panel._step.label == f"Show each of {len(changed)} changed objects"
-        seen = []
-        for number in (*range(1, len(changed) + 1), 1):
+        assert panel._step.visible and panel._step.label == f"Show each of {len(changes)} changes"
+        for number in (*range(1, len(changes) + 1), 1):
             panel._show_next()
-            seen += drawn[-1][1]
-            assert panel._step.label == f"{cut.by_id(seen[-1]).name} ({number} of {len(changed)}): show the next"
-        sizes = [cut.by_id(i).cells for i in seen[:-1]]
-        assert set(seen) == set(changed) and seen[0] == seen[-1] and sizes == sorted(sizes, reverse=True)
+            change = changes[number - 1]
+            assert drawn[-1] == (cut, change.after)
+            assert panel._step.label == f"{change.text} ({number} of {len(changes)}): show the next"
+        sizes = [sum(cut.by_id(i).cells for i in change.after) for change in changes]
+        assert len(sizes) > 1 and sizes == sorted(sizes, reverse=True)
         assert session.selected is None  # which would open another tab
         session.select(cut.instances[0].id)
         style = Style(lit=frozenset({cut.instances[0].id}))
@@ -123,7 +166,11 @@ def test_a_moved_slider_says_what_it_changed_and_one_button_shows_before(monkeyp
         assert panel.style(cut, style).lit == style.lit and drawn[-1] == (cut, ())
         panel.peek()
         assert session.wait_idle() and np.array_equal(session.simap.instance, whole.instance) and panel.percent == 5.0
-        assert "Before: K 5 %. After, K 30 %: 4 chairs (3 before)" in panel._change.content
+        # The same change, whichever side of it is shown.
+        assert f"Before: K 5 %. After, K 30 %: {said}<" in panel._change.content
+        assert panel._step.label == f"Show each of {len(changes)} changes"
+        panel._show_next()
+        assert drawn[-1][1] == changes[0].before and panel._step.label.startswith(changes[0].text)
         panel.peek()
         assert session.wait_idle() and np.array_equal(session.simap.instance, cut.instance) and panel.percent == 30.0
         session.take_map(toy_map())  # another map: nothing was changed by hand
@@ -170,7 +217,8 @@ def test_a_drag_goes_on_while_its_map_is_cut_however_long_that_takes(monkeypatch
 
 def test_neighbours_are_outlined_each_for_itself():
     simap = repartition(toy_map(), k_percent=30.0)
-    ids, _ = changed_instances(toy_map(), simap)
+    changes, _ = changes_between(toy_map(), simap)
+    ids = [one for change in changes for one in change.after]
     alone = {tuple(map(tuple, np.round(line, 4))) for one in ids for line in outline_segments(simap, one)}
     assert {tuple(map(tuple, np.round(line, 4))) for line in outline_segments(simap, *ids)} == alone
 

@@ -16,8 +16,16 @@ import viser
 
 from simaps_viz.colors.classes import plural
 from simaps_viz.colors.palette import Color
-from simaps_viz.drawing.compare_picture import KINDS, Mode, TwoPictures, mark_color
-from simaps_viz.drawing.theme import BAD_STYLE, DIM_STYLE, LIGHT, Theme, short
+from simaps_viz.drawing.compare_picture import (
+    KINDS,
+    MAX_NAMED,
+    Mode,
+    TwoPictures,
+    difference_text,
+    mark_color,
+    together,
+)
+from simaps_viz.drawing.theme import BAD_STYLE, DIM_STYLE, LIGHT, Theme
 from simaps_viz.errors import InputError, SIMapsError
 from simaps_viz.evaluation.space import SpaceScores
 from simaps_viz.evaluation.two_maps import TRUTH, Item, MapMaker, MapSide, TwoMaps, compare_two
@@ -44,8 +52,6 @@ class Cancelled(Exception):  # noqa: N818 - not an error
 
 
 ALL = "all"
-MAX_NAMED = 5
-"""Objects of a difference that are named; the rest is counted."""
 PQ_MEANS = "PQ: the share of objects that are found, times how well their outlines agree; 1 is perfect."
 _TONES = {"plain": "", "bad": BAD_STYLE}
 
@@ -58,29 +64,11 @@ def item_text(item: Item, maps: TwoMaps) -> str:
     here, there = _names(item.left, maps.left), _names(item.right, maps.right)
     if maps.reference == "right":
         here, there = there, here
-    if item.kind in ("merged", "split"):
-        return f"{item.kind} · {_together(here)} → {_together(there, known=item.label)}"
-    if item.kind in ("label", "outline", "edge"):
-        return f"{item.kind} · {_together(here)} → {_together(there, known=item.label)} · {item.iou:.0%} alike"
-    return f"{item.kind} · {_together(here or there)}"
+    return difference_text(item.kind, here, there, item.label, item.iou)
 
 
 def _names(ids: Sequence[int], side: MapSide) -> list[str]:
     return [side.names.get(one, f"instance {one}") for one in ids]
-
-
-def _together(names: Sequence[str], *, known: str = "") -> str:
-    """Name several objects: "chairs 4 + 5"; only the numbers if their class is ``known``."""
-    parts = [name.rpartition(" ") for name in names]
-    labels = {label for label, _, _ in parts}
-    more = f" + {len(names) - MAX_NAMED} more" if len(names) > MAX_NAMED else ""
-    if len(labels) > 1:
-        return " + ".join(short(name) for name in names[:MAX_NAMED]) + more
-    numbers = " + ".join(number for _, _, number in parts[:MAX_NAMED]) + more
-    (label,) = labels or {""}
-    if label == known:
-        return numbers
-    return f"{short(label if len(names) == 1 else plural(2, label).removeprefix('2 '))} {numbers}"
 
 
 def kind_options(maps: TwoMaps) -> tuple[str, ...]:
@@ -199,7 +187,7 @@ def chosen_html(item: Item, maps: TwoMaps, position: int, total: int, theme: The
     """Describe the difference that was clicked."""
     sides = [(maps.left, item.left), (maps.right, item.right)]
     where = " · ".join(
-        f"{escape(side.title)}: {escape(_together(_names(ids, side)) if ids else 'nothing')}" for side, ids in sides
+        f"{escape(side.title)}: {escape(together(_names(ids, side)) if ids else 'nothing')}" for side, ids in sides
     )
     return note(
         f"{_ring(mark_color(item.kind, theme))} <b>{escape(item_text(item, maps))}</b> ({position} of {total})",

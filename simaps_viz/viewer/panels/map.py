@@ -9,14 +9,18 @@ from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from html import escape
-from typing import Any, cast
+from itertools import chain
+from typing import Any, NamedTuple, cast
 
 import cv2
 import numpy as np
 import viser
 from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from simaps_viz.colors.classes import CLUTTER, FLOOR, UNSEEN, WALL, ground_kinds, plural
+from simaps_viz.drawing.compare_picture import difference_text
 from simaps_viz.drawing.legend import counts_text, legend_html, title_of
 from simaps_viz.drawing.texture import TINT, ColorMode, cell_colors, color_modes
 from simaps_viz.drawing.theme import BADGE_STYLE
@@ -26,17 +30,17 @@ from simaps_viz.mapping.simap import slider_of
 from simaps_viz.structures import Grid, Instance, Room, SIMap
 from simaps_viz.viewer.page.page import MAX_RESOLUTION, MIN_RESOLUTION, Cut, Page, cut_of
 from simaps_viz.viewer.page.panel import Panel, button, button_row, by_person
-from simaps_viz.viewer.page.shared import Snapshot, same_instances
-from simaps_viz.viewer.scene.camera import SLANT, TOP, with_margin
+from simaps_viz.viewer.page.shared import Snapshot
+from simaps_viz.viewer.scene.camera import SLANT, TOP, Extent, with_margin
 from simaps_viz.viewer.scene.map_scene import FULL_HEIGHT_M, Style
 
 EVERY_CLASS = "all classes"
 FINISH = "Show the finished map"
 BEFORE = "Before and after"
 BEFORE_HINT = "The map as it was before the slider was moved, and as it is; holding key B shows it before."
-STEP_HINT = "Go to the objects that the slider changed, one after the other; key T shows the whole map again."
+STEP_HINT = "Go to what the slider changed, one after the other; key T shows the whole map again."
 MAX_MOVED, OUTLINED_S = 3, 6.0
-"""Classes whose new counts are named beside a moved slider, and for how long what changed is outlined."""
+"""Classes and changes that are named beside a moved slider, and for how long what changed is outlined."""
 DRAG_S = 1.5
 """A slider that was at rest for so long is moved anew."""
 MODE_HINT = "What a colour on the map means; the legend follows."
@@ -56,11 +60,21 @@ LEGEND_STYLE = "border-block:1px solid rgba(128,128,128,.25);margin-bottom:.4em"
 """Inline style of the legend."""
 
 
+class Change(NamedTuple):
+    """What became of one or several objects of a map, and where that is."""
+
+    text: str
+    """In the words of a comparison: "split · chair 211 → 211 + 246"."""
+    before: tuple[int, ...]
+    after: tuple[int, ...]
+    extent_m: Extent
+
+
 class MapPanel(Panel):
     """The map's origin, the sliders that cut it into instances, and the legend of its colours."""
 
     _in_space = False
-    _changed: tuple[int, ...] = ()
+    _changed: tuple[Change, ...] = ()
     """What a moved slider changed, the largest first."""
     _looked = 0
     """Which of it is looked at, counted from 1."""
@@ -206,29 +220,32 @@ class MapPanel(Panel):
         if was is None:
             self._outline(now, ())
             return
-        ids, edges = changed_instances(was[0], now)
-        at = f"{'Before' if self._peeking else 'Now'}: {cut_text(now, self._shown_cut, was[1])}"
         before, after = (now, was[0]) if self._peeking else (was[0], now)
-        said = change_text(self._counted(before), self._counted(after), len(ids), len(edges))
+        changes, edges = changes_between(before, after)
+        at = f"{'Before' if self._peeking else 'Now'}: {cut_text(now, self._shown_cut, was[1])}"
+        said = change_text(self._counted(before), self._counted(after), changes, len(edges))
         said = f"{at}. After, {cut_text(now, was[1], self._shown_cut)}: {said}" if self._peeking else f"{at}: {said}"
         self._change.content = f'<div class="simaps-change" data-shown="{escape(at)}">{_line(said)}</div>'
-        self._outline(now, ids or edges)
-        self._changed = tuple(sorted(ids or edges, key=lambda i: (-now.by_id(i).cells, i)))
+        self._changed = changes or edges
+        self._outline(now, [one for change in self._changed for one in self._ids_now(change)])
         if self._changed:
-            self._step.label = f"Show each of {plural(len(self._changed), 'changed object')}"
+            self._step.label = f"Show each of {plural(len(self._changed), 'change' if changes else 'changed outline')}"
             self._step.visible = True
 
+    def _ids_now(self, change: Change) -> tuple[int, ...]:
+        """Return the objects of a change that are on the map that is shown."""
+        return change.before if self._peeking else change.after
+
     def _show_next(self) -> None:
-        """Look at the next of the objects that a moved slider changed, and outline it."""
-        known = {one.id: one for one in self._shown.instances}
-        if not all(i in known for i in self._changed) or not self._changed:
+        """Look at the next change that a moved slider made, and outline it, as it was where nothing is there now."""
+        if self._was is None or not self._changed:
             return
-        one = known[self._changed[self._looked % len(self._changed)]]
+        change = self._changed[self._looked % len(self._changed)]
         self._looked = self._looked % len(self._changed) + 1
-        self._step.label = f"{one.name} ({self._looked} of {len(self._changed)}): show the next"
-        self._outline(self._shown, (one.id,))
-        (xmin, ymin, _), (xmax, ymax, _) = one.aabb_m
-        self._page.viewpoints.look_at(with_margin((xmin, ymin, xmax, ymax), share=1.0, least_m=1.5))
+        self._step.label = f"{change.text} ({self._looked} of {len(self._changed)}): show the next"
+        now = self._ids_now(change)
+        self._outline(self._shown if now else self._was[0], now or change.before or change.after)
+        self._page.viewpoints.look_at(with_margin(change.extent_m, share=1.0, least_m=1.5))
 
     def _outline(self, simap: SIMap, ids: Sequence[int]) -> None:
         """Outline what changed, for a moment."""
@@ -404,20 +421,53 @@ def counts_html(simap: SIMap, specks: Collection[int]) -> str:
     return _line(counts_text(without(simap, specks)) + faint + below)
 
 
-def changed_instances(before: SIMap, after: SIMap) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Return which instances of a map are no longer one of another map of that grid, and which are in other cells.
+def changes_between(before: SIMap, after: SIMap) -> tuple[tuple[Change, ...], tuple[Change, ...]]:
+    """Return what became of the objects of a map on another of its grid; as many seen from either of the two.
+
+    Objects belong to one change if more than half of the smaller one is in the other.
 
     Returns:
-        ids of those that overlap none of the other map by more than half (IoU), and of those that do, not quite.
+        the changes, the largest first; and those of objects that are the same, in cells that are not quite the same.
     """
-    some = (before.instance > 0) | (after.instance > 0)
-    then, now = before.instance[some].astype(np.int64), after.instance[some].astype(np.int64)
-    many = int(then.max(initial=0)) + 1
-    now, then = np.divmod(np.unique(now * many + then), many)  # the pairs that share a cell
-    alone = (np.bincount(now)[now] == 1) & (np.bincount(then)[then] == 1) & (then > 0)
-    others = np.setdiff1d(now[now > 0], now[alone])
-    same = np.isin(others, list(same_instances(before, after).values()))
-    return tuple(others[~same].tolist()), tuple(others[same].tolist())
+    areas = [np.bincount(one.instance.reshape(-1)) for one in (before, after)]
+    both = (before.instance > 0) & (after.instance > 0)
+    keys = before.instance[both].astype(np.int64) * len(areas[1]) + after.instance[both]
+    pairs, shared = np.unique(keys, return_counts=True)
+    then, now = np.divmod(pairs, len(areas[1]))
+    linked = 2 * shared > np.minimum(areas[0][then], areas[1][now])
+    then, now, shared = then[linked], now[linked], shared[linked]
+    first = 0, len(areas[0])  # of each map's ids among both maps'
+    links = coo_matrix((shared, (then, first[1] + now)), shape=(sum(map(len, areas)),) * 2)
+    group = connected_components(links, directed=False)[1]
+    alike = np.zeros(len(group))
+    np.maximum.at(alike, group[then], shared / (areas[0][then] + areas[1][now] - shared))
+    sides: dict[int, tuple[list[Instance], list[Instance]]] = {}
+    for side, simap in enumerate((before, after)):
+        for one in simap.instances:
+            sides.setdefault(group[first[side] + one.id], ([], []))[side].append(one)
+    changes, edges = [], []
+    for at, (here, there) in sorted(sides.items(), key=lambda entry: -sum(one.cells for one in chain(*entry[1]))):
+        kind = _kind_of_change(here, there, float(alike[at]))
+        if kind:
+            were, are = ([one.name for one in ones] for ones in (here, there))
+            text = difference_text(kind, were, are, (here or there)[0].label, float(alike[at]))
+            corners = np.array([[corner[:2] for corner in one.aabb_m] for one in (*here, *there)])
+            x0, y0, x1, y1 = (*corners[:, 0].min(axis=0).tolist(), *corners[:, 1].max(axis=0).tolist())
+            change = Change(text, tuple(one.id for one in here), tuple(one.id for one in there), (x0, y0, x1, y1))
+            (edges if kind == "edge" else changes).append(change)
+    return tuple(changes), tuple(edges)
+
+
+def _kind_of_change(here: Sequence[Instance], there: Sequence[Instance], alike: float) -> str:
+    """Return which of a comparison's kinds of difference there is between objects of two maps; empty if none."""
+    if len(here) != len(there):
+        several = "merged" if len(here) > len(there) else "split"
+        return several if here and there else "missed" if here else "extra"
+    if len(here) > 1 or alike <= 0.5:
+        return "outline"
+    if here[0].label != there[0].label:
+        return "label"
+    return "edge" if alike < 1.0 else ""
 
 
 def cut_text(simap: SIMap, cut: Cut, other: Cut) -> str:
@@ -426,13 +476,13 @@ def cut_text(simap: SIMap, cut: Cut, other: Cut) -> str:
     return ", ".join([*parts, *([f"resolution {cut.resolution:g}"] if cut.resolution != other.resolution else [])])
 
 
-def change_text(before: SIMap, after: SIMap, changed: int, edges: int) -> str:
-    """Describe how many objects of which classes there are instead: "54 chairs (31 before), 23 objects changed".
+def change_text(before: SIMap, after: SIMap, changes: Sequence[Change], edges: int) -> str:
+    """Describe how many objects of which classes there are instead, and a line each, the first changes.
 
     Args:
         before: the map.
         after: that which is shown instead.
-        changed: how many objects are others, joined or split.
+        changes: which objects are others.
         edges: how many are the same, in cells that are not quite the same.
     """
     old, new = before.counts(), after.counts()
@@ -443,8 +493,10 @@ def change_text(before: SIMap, after: SIMap, changed: int, edges: int) -> str:
     parts = [f"{plural(new.get(name, 0), name)} ({old.get(name, 0)} before)" for name in moved[:MAX_MOVED]]
     rest = [f"{plural(len(moved) - MAX_MOVED, 'more class')}"] if len(moved) > MAX_MOVED else []
     same = [f"{plural(edges, 'outline')} {'is' if edges == 1 else 'are'} slightly different"] if edges else []
-    others = [f"{plural(changed, 'object')} changed"] if changed else []
-    return ", ".join((*parts, *rest, *others, *same)) or "nothing changed"
+    others = [plural(len(changes), "change")] if changes else []
+    more = [f"and {len(changes) - MAX_MOVED} more"] if len(changes) > MAX_MOVED else []
+    first = ", ".join((*parts, *rest, *others, *same)) or "nothing changed"
+    return "\n".join((first, *(change.text for change in changes[:MAX_MOVED]), *more))
 
 
 def _first_mode(simap: SIMap) -> ColorMode:
@@ -473,7 +525,7 @@ def origin_html(simap: SIMap) -> str:
 def _line(text: str) -> str:
     return (
         '<div role="status" style="padding:.2em .8em .4em;font-size:.88em;font-weight:600;line-height:1.4;'
-        'overflow-wrap:anywhere">'
+        'overflow-wrap:anywhere;white-space:pre-line">'
         f"{escape(text)}</div>"
     )
 
