@@ -21,6 +21,8 @@ from simaps_viz.mapping.partition import applied_steps
 from simaps_viz.mapping.simap import joining_threshold
 from simaps_viz.structures import CellGraph, Instance, SIMap
 
+FEW = 30
+"""Fewer sightings than this are moved by the imagined ones that evidence begins with, see `PoolSettings`."""
 NEIGHBOUR_M = 1.0
 """Objects of one class no farther apart than this are neighbours, whether or not any frame saw both."""
 
@@ -526,7 +528,7 @@ def link_words(method: str, threshold: float, link: Link) -> str:
         why = "no pair of their cells was compared (too far apart, or open floor between)"
         compared = "nothing speaks for one" if len(link.together) == 0 else why
         return f"{seen}; {compared} → {score_text(method, link.score)}, {_below(method, threshold, link)}"
-    return f"{seen} → {score_text(method, link.score)}, {_below(method, threshold, link)}"
+    return f"{seen}; by pairs of their cells {score_text(method, link.score)}, {_below(method, threshold, link)}"
 
 
 def between_words(found: Between, first: str, second: str) -> str:
@@ -587,7 +589,8 @@ def _pooled(method: str, evidence: Joint | Link) -> str:
     """Return the sentence with the sightings that a score comes from; frames count by the pairs of cells they saw."""
     if method_of(method).weights_per_frame or evidence.same + evidence.different == 0:
         return ""
-    return f" Pooled over all pairs of their cells: {_sightings(evidence.same, evidence.different)}."
+    few = " Imagined ones are added, so that few do not decide." if evidence.same + evidence.different < FEW else ""
+    return f" Pooled over all pairs of their cells: {_sightings(evidence.same, evidence.different)}.{few}"
 
 
 def _below(method: str, threshold: float, link: Link) -> str:

@@ -137,11 +137,13 @@ def test_sightings_of_a_drawn_row_are_counted_by_hand(row):
     assert summary(why) == (
         "One object because 5 of the 6 frames that saw it saw most of it as one segment. Its weakest joint "
         "(2 + 2 cells) has 62 %, above the 60 % needed: seen together in 5 frames: as two in 1, as one in 4. "
-        "Pooled over all pairs of their cells: 8 sightings as one, 2 as two."
+        "Pooled over all pairs of their cells: 8 sightings as one, 2 as two. "
+        "Imagined ones are added, so that few do not decide."
     )
     assert between_words(between(row, 1, 2), "chair 1", "chair 2") == (
-        "chair 1 and chair 2 touch: seen together in 5 frames: as two in 3, as one in 2 → 43 %, below the 60 % "
-        "needed. Pooled over all pairs of their cells: 10 sightings as one, 15 as two."
+        "chair 1 and chair 2 touch: seen together in 5 frames: as two in 3, as one in 2; by pairs of their cells 43 %, "
+        "below the 60 % needed. Pooled over all pairs of their cells: 10 sightings as one, 15 as two. "
+        "Imagined ones are added, so that few do not decide."
     )
 
 

@@ -697,18 +697,20 @@ class CommandPanel(Panel):
         command = str(self._text.value)
         if self._hidden or self.uses_model or self._phase != "idle":  # a model is asked only what is sent to it
             return
-        meant, reason = None, ""
+        meant, title, reason = None, "Not a command yet", ""
         try:
             meant = self._meant(command.strip()) if command.strip() else None
         except SIMapsError as error:
             reason = str(error)
         if meant is not None and meant[0].status != "ok":
+            title = title if meant[0].status == "refused" else "Cannot be done"
             meant, reason = None, outcome_text(meant[0])
         if self._phase != "idle" or command != str(self._text.value):
             return  # it runs, or goes on, meanwhile
-        self._unmark()  # also what an earlier command meant
+        self._clear_marks()  # also what an earlier command meant; what was typed since is still to be read
         if meant is None:
-            self._show_typed("Not a command yet" if reason else "", reason.partition(" Try: ")[0] or TYPING)
+            self._show_typed(title if reason else "", reason.partition(" Try: ")[0] or TYPING)
+            self._outcome = bool(reason)  # gone with the next letter
             return
         answer, labels, why = meant
         self._previews = True
@@ -727,6 +729,9 @@ class CommandPanel(Panel):
 
     def _unmark(self) -> None:
         self._end_typing()
+        self._clear_marks()
+
+    def _clear_marks(self) -> None:
         self._previews, self._marks = False, Marks()
         self._light(frozenset())
         self._draw(None)

@@ -631,6 +631,7 @@ def names_html(simap: SIMap) -> str:
 def _ground(grid: Grid) -> tuple[list[str], NDArray]:
     """Return what cells may be that belong to no object, and of each cell its place there, int32 [rows, cols]."""
     kinds = {UNSEEN: "never seen", FLOOR: "floor", CLUTTER: "not named", WALL: "wall"}
-    classes = [f"{name}, no object" if thing else name for name, thing in zip(grid.labels, grid.is_thing, strict=True)]
+    plain = [name.removesuffix("-merged").removesuffix("-other") for name in grid.labels]  # COCO's endings
+    classes = [f"{name}, no object" if thing else name for name, thing in zip(plain, grid.is_thing, strict=True)]
     place = np.where(grid.label > 0, len(kinds) + grid.label, ground_kinds(grid))
     return [*(kinds[kind] for kind in sorted(kinds)), *classes], place.astype(np.int32)
