@@ -409,7 +409,8 @@ _WISH: Final = re.compile(
 _LIMITS: Final = re.compile(
     r"\b(?:not|no|never|none|nothing|without|only|except|but|avoid|unless|if|when|rather|instead|until|before|after|"
     r"must|"
-    r"should|ought|(?:has|have|had|needs?|wants?|supposed|got) to|other|ones?|cannot|keep|stay|\w+n['’]?t|how|whether"
+    r"should|ought|(?:has|have|had|needs?|wants?|supposed|got) to|other|ones?|cannot|keep|stay|how|whether|"
+    r"\w+n['’]t|(?:do|does|did|is|are|was|were|ca|wo|could|would|should|has|have|had)nt"
     r")\b|\?|\b(?:i am|we are) (?:\w+ing )?(?:right |just |over )?(?:at|in|on|by|near|next|under|behind|beside)\b"
 )
 """Words that say what is to be done, or not to be, also in a statement."""

@@ -446,6 +446,14 @@ def test_talk_around_an_order_is_left_out_with_a_note(said: str, left_out: str) 
     assert f'"{left_out}" is left out: it names nothing to do' in reading.notes
 
 
+def test_it_is_what_somebody_told_of_before() -> None:
+    """Only words that end in a contracted "not" limit what follows: neither "plant" nor "want" does."""
+    reading = read_command("The plant looks thirsty, go and stand next to it.", LABELS)
+    assert reading.program == 'plant = nearest(things("potted plant"))\nrobot.move_to_object(plant)'
+    with pytest.raises(CommandError):
+        read_command("The plant isn't thirsty, go and stand next to it.", LABELS)
+
+
 @pytest.mark.parametrize(
     "said",
     [
