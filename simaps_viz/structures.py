@@ -2,6 +2,7 @@
 
 import math
 import weakref
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -510,9 +511,9 @@ class SIMap:
         Args:
             hidden: with the classes that only `hidden` objects have.
         """
-        names = [i.label for i in self.instances]
-        names += [i.label for i in self.hidden if i.label not in {*names}] if hidden else []
-        return {n: names.count(n) for n in sorted(set(names), key=lambda n: (-names.count(n), n))}
+        counts = Counter(i.label for i in self.instances)
+        counts += Counter(i.label for i in self.hidden if hidden and i.label not in counts)
+        return dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
 
     def color_of(self, instance: Instance | int) -> tuple[int, int, int] | None:
         """Return the median colour of an object as cameras saw it, red, green, blue, 0 to 255; None if unknown."""

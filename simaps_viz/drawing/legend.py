@@ -13,6 +13,7 @@ from simaps_viz.colors.naming import color_name
 from simaps_viz.colors.palette import PALETTE, Color, as_color
 from simaps_viz.drawing.texture import HEIGHT_TOP_M, STRIPE, ColorMode, class_patterns, shown_class_colors
 from simaps_viz.drawing.theme import BOX_STYLE, DIM_STYLE, LIGHT, NESTED_EM, Theme, short, short_html
+from simaps_viz.language.words import plain
 from simaps_viz.mapping.changes import changes_in
 from simaps_viz.mapping.in_space import all_instances, has_voxels
 from simaps_viz.structures import Instance, SIMap
@@ -153,8 +154,9 @@ def legend_html(
     if mode == "observations":
         most = int(simap.grid.observations.max(initial=0))
         return _box(f"{_bar('0', plural(most, 'frame'), 'frames that saw the cell, logarithmic')}{_unseen(theme)}")
+    chips = _class_chips(simap) if mode == "class" else {}
     if mode == "class":
-        rows = _class_rows(simap, buttons, specks)
+        rows = _class_rows(simap, buttons, specks, chips)
     else:
         rows = _instance_rows(simap, buttons, specks, chips=colored)
     if buttons and len(rows) > MAX_ROWS + 1:
@@ -165,7 +167,7 @@ def legend_html(
             f"{CHIP_STYLE}<div>as the cameras saw it; objects are outlined</div>{''.join(rows)}{_unseen(theme)}"
         )
     if mode == "class":
-        others = "".join(f'<span class="simaps-entry">{name}</span>' for name in _uncounted(simap, specks))
+        others = "".join(f'<span class="simaps-entry">{name}</span>' for name in _uncounted(simap, specks, chips))
         rows += [f'<div style="margin-top:.5em">not counted: {others}</div>'] if others else []
     rows += [_note("Faint: specks, seen too little to count.")] if specks else []
     rows += [_note(text) for text in _repeats(simap, mode)]
@@ -189,8 +191,7 @@ def _unseen(theme: Theme) -> str:
     return f'<div>{CHIP_STYLE}<span class="simaps-entry">{chip(theme.unseen)}never seen</span></div>'
 
 
-def _class_rows(simap: SIMap, buttons: bool, specks: Mapping[str, int]) -> list[str]:
-    chips = _class_chips(simap)
+def _class_rows(simap: SIMap, buttons: bool, specks: Mapping[str, int], chips: Mapping[str, str]) -> list[str]:
     entries = ((one, count, specks.get(one, 0)) for one, count in simap.counts().items())
     return [
         f'<div class="simaps-entry">{_class_entry(label, count, buttons, faint, chips[label])}</div>'
@@ -203,13 +204,15 @@ def _class_chips(simap: SIMap) -> dict[str, str]:
     return {name: chip(color, PATTERN_STYLES[patterns[name]]) for name, color in colors.items()}
 
 
-def _uncounted(simap: SIMap, specks: Mapping[str, int]) -> list[str]:
+def _uncounted(simap: SIMap, specks: Mapping[str, int], chips: Mapping[str, str]) -> list[str]:
     """Return the other classes that have a colour on the map: what cannot be counted, and what only specks have."""
-    grid, counts, chips = simap.grid, simap.counts(), _class_chips(simap)
+    grid, counts = simap.grid, simap.counts()
     bare = (simap.instance == 0) & (grid.label > 0) & ~cells_of_classes(grid, "floor", "wall")
     there = np.flatnonzero(np.bincount(grid.label[bare], minlength=len(grid.labels)))
     names = {grid.labels[i]: "" for i in there} | {name: f" ({plural(n, 'speck')})" for name, n in specks.items()}
-    return [f"{chips[name]}{short_html(name)}{some}" for name, some in sorted(names.items()) if name not in counts]
+    return [
+        f"{chips[name]}{short_html(plain(name))}{some}" for name, some in sorted(names.items()) if name not in counts
+    ]
 
 
 def _class_entry(label: str, count: int, buttons: bool, specks: int, chip: str = "") -> str:

@@ -4,7 +4,7 @@ Distances are in metres on the map plane between the centres of the nearest cell
 within a cell; 1 is the closest, ties go to the smaller instance id.
 """
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Final
@@ -167,6 +167,7 @@ class Grounding:
         self._eye = {"field_of_view_rad": field_of_view_rad, "eye_height_m": eye_height_m}
         self._looked, self._max_looked = 0.0, max_looked
         self._vocabulary = Vocabulary(simap.counts(hidden=True))
+        self._unseen_of: dict[str, tuple[Instance, ...]] = {}
         self.viewer = viewer
 
     @property
@@ -231,7 +232,8 @@ class Grounding:
         if not isinstance(name, str):
             return (self.pick(name),)
         labels = self.labels_of(name)
-        return (*(i for label in labels for i in self.simap.of_class(label)), *self._unseen(labels))
+        shown = (i for label in labels for i in self.simap.of_class(label))
+        return (*shown, *(i for label in labels for i in self._unseen(label)))
 
     def named(self, name: str) -> Things:
         """Return the things of a name, the closest first; the empty set, which knows why, where the map has none."""
@@ -244,20 +246,29 @@ class Grounding:
         noun = "thing" if name.strip().lower() in _ALL else plain(labels[0]) if len(labels) == 1 else word
         return Things(self.instances(name), noun, plural(noun))
 
-    def _unseen(self, labels: Collection[str]) -> list[Instance]:
-        """Return what lies under, in or on other things, so that no cell shows it, of some classes.
+    def _unseen(self, label: str) -> tuple[Instance, ...]:
+        """Return what lies under, in or on other things, so that no cell shows it, of a class.
 
         Where cells show something of its class, what the map is not sure of is left out, slivers, which have no box,
         and what meets a thing that they show: it is that thing, seen again.
         """
-        shown = {label: self.simap.of_class(label) for label in labels}
-        found = [i for i in self.simap.hidden if i.label in labels]
-        sure = [i for i in found if i.box is not None and not self.is_unsure(i)]
-        return [i for i in found if not shown[i.label] or (i in sure and not any(_meet(i, o) for o in shown[i.label]))]
+        if label not in self._unseen_of:
+            shown = self.simap.of_class(label)
+            found = [i for i in self.simap.hidden if i.label == label]
+            if shown:
+                sure = [i for i in found if i.box is not None and not self.is_unsure(i)]
+                found = [i for i in sure if not any(_meet(i, other) for other in shown)]
+            self._unseen_of[label] = tuple(found)
+        return self._unseen_of[label]
+
+    @cached_property
+    def hidden_ids(self) -> frozenset[int]:
+        """Ids of the things that no cell shows."""
+        return frozenset(i.id for i in self.simap.hidden)
 
     def is_unsure(self, thing: Instance) -> bool:
         """Whether no cell shows a thing, and a network saw it a few times only, or was not sure of it."""
-        return thing in self.simap.hidden and (thing.score < _SURE or thing.frames < _OFTEN)
+        return thing.id in self.hidden_ids and (thing.score < _SURE or thing.frames < _OFTEN)
 
     # ---- ranks
 

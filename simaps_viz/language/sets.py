@@ -478,18 +478,18 @@ class Sets(Grounding):
             return self._inside(S, T)
         things, others = self.things_of(S), self.things_of(T)
         tops = [other for other in others if not (within or plain(other.label).endswith(_BOARDS))]
-        hidden = [i for i in things if i in self.simap.hidden]
+        hidden = [i for i in things if i.id in self.hidden_ids]
         # What stands within a shelf does so by its surface in space rather than by its cells.
         kept = {i.id for i in hidden if self._stands_so(i, others, ("on", "inside"))}
         kept -= {i.id for i in hidden if self._stands_so(i, tops, ("under",))}
-        shown = [i for i in things if i not in hidden]
+        shown = [i for i in things if i.id not in self.hidden_ids]
         kept |= {a for a, _ in self._standing(shown, others, hanging=False)}
         kept |= {i.id for i in shown if self._stands_so(i, others, ("on",))}
         return self._relate(S, T, kept, f"{'in' if within else 'on'} {self.set_of(T).the}")
 
     def _under(self, S: Named, T: Named) -> Things:
         things, others = self.things_of(S), self.things_of(T)
-        shown = [i for i in things if i not in self.simap.hidden]
+        shown = [i for i in things if i.id not in self.hidden_ids]
         kept = {b for _, b in self._standing(others, shown)} | {a for a, _ in self._standing(shown, others, lower=True)}
         kept |= {i.id for i in things if self._stands_so(i, others, ("under",))}
         return self._relate(S, T, kept, f"under {self.set_of(T).the}")
@@ -527,7 +527,7 @@ class Sets(Grounding):
 
     def _top_m(self, thing: Instance) -> float:
         """Return the median height of a thing's cells, or the top of what no cell shows."""
-        if thing in self.simap.hidden:
+        if thing.id in self.hidden_ids:
             return thing.aabb_m[1][2]
         return float(np.nanmedian(self.simap.grid.height_m[self.cells.rows_and_cols(thing.id)]))
 
@@ -675,8 +675,8 @@ class Sets(Grounding):
         things, others = self.things_of(S), self.things_of(T)
         rivals = [i for label in dict.fromkeys(i.label for i in things) for i in self.simap.of_class(label)]
         # What no cell shows is counted for the thing that it is most of all on, in or under.
-        unseen = [i for i in others if i in self.simap.hidden]
-        others = [i for i in others if i not in unseen]
+        unseen = [i for i in others if i.id in self.hidden_ids]
+        others = [i for i in others if i.id not in self.hidden_ids]
         owner: dict[int, tuple[float, int]] = {}
         for i, j, far in self.neighbours(others, rivals, NEXT_TO_M):
             owner[others[i].id] = min(owner.get(others[i].id, (np.inf, 0)), (far, rivals[j].id))
@@ -877,6 +877,7 @@ class Sets(Grounding):
             if not found.items:
                 return found
             counts, sign = self._counts(found, of), -1 if key == "many" else 1
+            # Counts that differ by one are two levels apart: no tie.
             ordered = self._sorted_by(found, [2.0 * sign * counts[i.id] for i in found.items], "")
             counted = self.set_of(of).many
             # "The table with 4 chairs" says already how many.

@@ -233,8 +233,7 @@ _ASIDES: Final = tuple(
 """What carries nothing wherever it is said, and what is left of it."""
 _WHOSE: Final = (
     r"(?:any(?:body|one)|some(?:body|one)|one of you|they|people|we|you|i|he|she|(?:my|our|the|your) (?:kids|boys?|"
-    r"girls?|"
-    r"children|guests?|wife|husband|mum|dad|son|daughter|visitors?|staff|cleaners?))"
+    r"girls?|children|guests?|wife|husband|mum|dad|son|daughter|visitors?|staff|cleaners?))"
 )
 _PLACED_AT: Final = (
     r"(?:in|on|at|under|underneath|beneath|behind|between|beside|by|near|next to|inside|above|over|here|there)\b"
@@ -374,10 +373,11 @@ _PURPOSE: Final = re.compile(
     rf"{_ENDS.pattern}|\s(?=to (?!the\b|an?\b|my\b|our\b|your\b|this\b|that\b)\w+ \w+|where (?:i|we|one) can \w+)"
 )
 """Where a clause or "to get rid of this cup" begins."""
+_NOT: Final = r"\w+n['’]t|(?:do|does|did|is|are|was|were|ca|wo|could|would|should|has|have|had)nt"
+"""A verb that is negated, with its apostrophe or without: not "plant", "want"."""
 _SUBJECT: Final = (
     r"he|she|they|it|this|that|there|here|some(?:body|one|thing)|every(?:body|one)|people|my|our|his|her|their|the|"
-    r"an?|some|"
-    r"these|those|all|your eyes|you (?:are|were|have been|look|seem)"
+    r"an?|some|these|those|all|your eyes|you (?:are|were|have been|look|seem)"
 )
 _STATEMENT: Final = re.compile(
     r"^\W*(?:(?:and|but|so|well|oh|now|then|look|see|right|as|since|honestly|you know)\s+)*(?:"
@@ -385,10 +385,9 @@ _STATEMENT: Final = re.compile(
     r"(?!want|need|would|like|wish|should|must|mean|meant|can\b(?!['’]t|not)|could|go\b|visit|see\b|"
     r"(?:am|are) (?:looking|searching|after))\w+"
     rf"|(?:{_SUBJECT})\b.*\b(?:is|are|was|were|am|has|have|had|been|wants?|needs?|looks?|seems?|smells?|said|says|"
-    rf"told|hurts?|aches?|feels?|asked|will|"
-    r"can|could|did|does|left|lost|came|went|forgot|put|dropped|fell|hid|sat|slept|stood|took|threw|bought|brought|"
-    r"broke|thought|"
-    r"knew|met|made|saw|gave|got|found|kept|ate|drank|wrote|ran|hung|meant|sold|spilt|\w+n['’]?t|\w{2,}ed)\b"
+    r"told|hurts?|aches?|feels?|asked|will|can|could|did|does|left|lost|came|went|forgot|put|dropped|fell|hid|sat|"
+    r"slept|stood|took|threw|bought|brought|broke|thought|knew|met|made|saw|gave|got|found|kept|ate|drank|wrote|ran|"
+    rf"hung|meant|sold|spilt|{_NOT}|\w{{2,}}ed)\b"
     r"|(?:\w+ ){1,3}(?:is|are|was|were) (?:\w+ )?\w{2,}ing\b"
     r"|(?:my|our|his|her) \w+ \w+s\b|(?:he|she|it) \w+s\b|\w+s (?:are|were|have)\b|.*\bwrong (?:way|direction|side)\b"
     r"|(?:here is|there is) .*)"
@@ -408,9 +407,7 @@ _WISH: Final = re.compile(
 """A clause that says what somebody wants, or what has to be done."""
 _LIMITS: Final = re.compile(
     r"\b(?:not|no|never|none|nothing|without|only|except|but|avoid|unless|if|when|rather|instead|until|before|after|"
-    r"must|"
-    r"should|ought|(?:has|have|had|needs?|wants?|supposed|got) to|other|ones?|cannot|keep|stay|how|whether|"
-    r"\w+n['’]t|(?:do|does|did|is|are|was|were|ca|wo|could|would|should|has|have|had)nt"
+    rf"must|should|ought|(?:has|have|had|needs?|wants?|supposed|got) to|other|ones?|cannot|keep|stay|{_NOT}|how|whether"
     r")\b|\?|\b(?:i am|we are) (?:\w+ing )?(?:right |just |over )?(?:at|in|on|by|near|next|under|behind|beside)\b"
 )
 """Words that say what is to be done, or not to be, also in a statement."""
@@ -573,16 +570,14 @@ _PUT: Final = re.compile(r"sat|stood|laid|set|hung|put|left|kept")
 _PLACED: Final = re.compile(rf"\w{{2,}}(?:ed|ing)|{_PUT.pattern}")
 _PLACE: Final = re.compile(
     r"((?:(?:up|down|out|right|just|away|all|around|about|in|off) )*)(?:on|in|at|by|near|next to|close to|beside|"
-    r"under|"
-    r"underneath|beneath|behind|"
-    r"between|against|inside|above|below|over|opposite|alongside|atop|around|in front of)\b"
+    r"under|underneath|beneath|behind|between|against|inside|above|below|over|opposite|alongside|atop|around|"
+    r"in front of)\b"
 )
 """What follows a word that only says how a thing is there: "propped up against", "dangling over"."""
 _ADVERB: Final = re.compile(
     r"(?!(?:fami|assemb|jel|but?ter|bel|pars|ho|li|bul|daff?odi|rely|ap|sup|mono|anoma|part|near|hard|bare|scarce|"
-    r"alternate|"
-    r"repeated|continual|endless|dai|hour|week|month|year|diagonal|simultaneous|separate|backward|exclusive|"
-    r"sole)ly)\w{3,}ly"
+    r"alternate|repeated|continual|endless|dai|hour|week|month|year|diagonal|simultaneous|separate|backward|"
+    r"exclusive|sole)ly)\w{3,}ly"
 )
 """How something is done or said, "gracefully", but not how much, how often or which way."""
 _COST_OF_WORD: Final = 0.3
@@ -599,8 +594,7 @@ _RELATIVES: Final = frozenset(["that", "which", "who", "where"])
 _BEFORE_NOUNS: Final = frozenset(["the", "a", "an", "my", "your", "our", "this", "that", "these", "those"])
 _TELLING: Final = re.compile(
     r"COLOR|SHAPE|SIZE|SUPER|MORE|ORD|NUM|ONE|NEAREST|FARTHEST|OTHER|EMPTY|FREE|TAKEN|ALONE|MOST|LEFT|RIGHT|NORTH|"
-    r"SOUTH|EAST|"
-    r"WEST|MIDDLE|INTER|NOUNS?|ROOMKIND|ROOM|NOT|ONLY|SEEN|SAME|EVERY|DET|BOTH|MOSTLY|FEWEST|EITHER|NEARBY|"
+    r"SOUTH|EAST|WEST|MIDDLE|INTER|NOUNS?|ROOMKIND|ROOM|NOT|ONLY|SEEN|SAME|EVERY|DET|BOTH|MOSTLY|FEWEST|EITHER|NEARBY|"
 )
 """Kinds of tokens that tell which thing is meant, or join what does."""
 _COST_OF_ROOM: Final = 0.2

@@ -401,8 +401,8 @@ class CommandPanel(Panel):
         self._trajectory: Trajectory | None = None
         self._line = 0
         self._lit: frozenset[int] = frozenset()
-        self._was_selected: int | None = None
         """Objects that are outlined: what the robot goes to, or an answer speaks of."""
+        self._was_selected: int | None = None
         self._dims = False
         """Whether all else is dimmed."""
         self._past: list[Past] = []

@@ -24,6 +24,7 @@ from simaps_viz.drawing.compare_picture import difference_text
 from simaps_viz.drawing.legend import counts_text, legend_html, title_of
 from simaps_viz.drawing.texture import TINT, ColorMode, cell_colors, color_modes
 from simaps_viz.drawing.theme import BADGE_STYLE
+from simaps_viz.language.words import plain
 from simaps_viz.mapping.in_space import all_instances, has_voxels
 from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.simap import slider_of
@@ -429,6 +430,7 @@ def changes_between(before: SIMap, after: SIMap) -> tuple[tuple[Change, ...], tu
     Returns:
         the changes, the largest first; and those of objects that are the same, in cells that are not quite the same.
     """
+    # The pairs of objects that share enough cells are links, and what they connect is one change.
     areas = [np.bincount(one.instance.reshape(-1)) for one in (before, after)]
     both = (before.instance > 0) & (after.instance > 0)
     keys = before.instance[both].astype(np.int64) * len(areas[1]) + after.instance[both]
@@ -439,12 +441,14 @@ def changes_between(before: SIMap, after: SIMap) -> tuple[tuple[Change, ...], tu
     first = 0, len(areas[0])  # of each map's ids among both maps'
     links = coo_matrix((shared, (then, first[1] + now)), shape=(sum(map(len, areas)),) * 2)
     group = connected_components(links, directed=False)[1]
+    # How alike the best pair of each is (IoU), and which objects of both maps take part.
     alike = np.zeros(len(group))
     np.maximum.at(alike, group[then], shared / (areas[0][then] + areas[1][now] - shared))
     sides: dict[int, tuple[list[Instance], list[Instance]]] = {}
     for side, simap in enumerate((before, after)):
         for one in simap.instances:
             sides.setdefault(group[first[side] + one.id], ([], []))[side].append(one)
+    # What is said of each, and where it is.
     changes, edges = [], []
     for at, (here, there) in sorted(sides.items(), key=lambda entry: -sum(one.cells for one in chain(*entry[1]))):
         kind = _kind_of_change(here, there, float(alike[at]))
@@ -631,7 +635,7 @@ def names_html(simap: SIMap) -> str:
 def _ground(grid: Grid) -> tuple[list[str], NDArray]:
     """Return what cells may be that belong to no object, and of each cell its place there, int32 [rows, cols]."""
     kinds = {UNSEEN: "never seen", FLOOR: "floor", CLUTTER: "not named", WALL: "wall"}
-    plain = [name.removesuffix("-merged").removesuffix("-other") for name in grid.labels]  # COCO's endings
-    classes = [f"{name}, no object" if thing else name for name, thing in zip(plain, grid.is_thing, strict=True)]
+    things = zip(grid.labels, grid.is_thing, strict=True)
+    classes = [f"{plain(name)}, no object" if is_thing else plain(name) for name, is_thing in things]
     place = np.where(grid.label > 0, len(kinds) + grid.label, ground_kinds(grid))
     return [*(kinds[kind] for kind in sorted(kinds)), *classes], place.astype(np.int32)
