@@ -27,87 +27,13 @@ from simaps_viz.language.words import (
     WISHES,
     Vocabulary,
     correct,
+    load_text,
     read_number,
     read_rank,
     written_out,
 )
 
-_WHO: Final = r"(?:you|u|ya|we|i|somebody|someone|anybody|anyone|the robot)"
 _SOFTLY: Final = r"(?:(?:please|kindly|possibly|perhaps|maybe|just|really|simply|also|by any chance|even|\w+ly)\s+)*"
-_ASKS: Final = r",? (?:(?:on|in|at|to|from|under) )?(?:how|where|what|which|whether|if|who)\b"
-_POLITE: Final = re.compile(
-    r"\b(?:"
-    # "I would be most grateful if you could", "I was just wondering whether you might perhaps"
-    rf"(?:i|we|it) (?:would|should) (?:{_SOFTLY})(?:be|appreciate|love|like)\b(?:\s+\w+){{0,5}}? if {_WHO} "
-    r"(?:would|could|can|might|were to|went ahead and)|"
-    rf"(?:i|we) (?:was |am |were |are )?{_SOFTLY}(?:wonder|wondered|wondering|asking|hope|hoping|curious)"
-    rf"(?: (?:if|whether|that)(?: {_WHO} (?:would|could|can|might|may))?|(?={_ASKS}))|"
-    # "my boss wants to know", "the manager is asking"
-    rf"(?:(?:my|the|our) )?\w+ (?:(?:wants|needs|would like) to know|asks|wonders|is (?:asking|wondering))(?={_ASKS})|"
-    # "what I need you to do is", "here is the plan:"
-    rf"(?:here is )?what (?:i|we|you) (?:would |have |should |could )?{_SOFTLY}(?:like|need|want|do|have)"
-    r"(?: you)?(?: to)?(?: do)?(?: with)?(?: now)?(?: is|\s*:\s*)(?: to)?|"
-    rf"(?:could|can|may|might) (?:i|we) (?:ask|know)(?={_ASKS})|be (?:good|kind|nice) enough (?:as )?to|"
-    r"be (?:an?|my|so|very) (?:\w+ )?\w+ (?:and|enough to|as to)|do (?:me|us) an? (?:\w+ )?favou?r and|"
-    rf"(?:why (?:do not|don['’]?t|not)|how about)(?: {_WHO}\b)?(?! (?:is|are)\b)|"
-    r"would it be (?:\w+ ){1,3}?(?:to ask you to|for you to|if you (?:would|could))|"
-    r"(?:(?:i|we) (?:hate|am sorry|do not (?:want|mean)|don['’]?t (?:want|mean))|sorry) to "
-    r"(?:ask|bother|trouble|interrupt|disturb|intrude)(?: you)?,?(?: but)?,?|do you (?:happen|chance) to know|"
-    r"(?:when|whenever|if|once|as soon as) you (?:have |get |can spare )"
-    r"(?:got )?(?:a|the|some) (?:free |spare )?(?:sec|second|minute|min|moment|mo|chance|time),?|"
-    r"(?:could|can|may|might) (?:i|we) (?:ask|trouble|bother|persuade|get|have|convince|request|invite|tempt) "
-    r"you (?:to|for)|"
-    r"(?:is there )?any chance (?:that )?you (?:can|could|might)|before (?:we|you|i) do anything else|"
-    # "I can't for the life of me remember how many ..."
-    r"(?:i|we) (?:\w+ )?(?:can(?:['’]?t|\s?not)|(?:could|do|did)(?:n['’]?t| not))(?: \w+){0,6}? "
-    rf"(?:remember|recall|know|tell|see|think|figure out|work out|make out)(?: of)?(?={_ASKS})|"
-    rf"(?:i|we) (?:have |am |are )?(?:\w+ly )?(?:forgot|forgotten|not sure|unsure)(?={_ASKS})"
-    rf")\b ?{_SOFTLY}"
-)
-"""Openings that only ask for what comes after them."""
-_KINDLY: Final = re.compile(
-    r"[,\s]*\bif (?:that|it|this)(?: is|['’]s| would be| were)(?:n['’]?t| not)? (?:not |no |too much |any |all )?"
-    r"(?:\w+ )?(?:alright|right|ok|okay|fine|trouble|bother|possible|convenient|good|asking)\b"
-    r"(?: (?:with|for|to) you| to ask)?"
-)
-_INDIFFERENT: Final = re.compile(
-    r"^\W*(?!if\b|whether\b)(?:\w+ ){1,4}or not\b,?\s*|"
-    r"[,.;]?\s*\b(?:(?:i|we) (?:really |honestly )?(?:do(?:n['’]?t| not)) (?:really )?(?:care|mind)|"
-    r"does(?:n['’]?t| not) (?:really )?matter|"
-    r"(?:the |its |their )?(?:order|sequence|rest|reason|way|how|which(?: one)?|it|that) (?:really )?"
-    r"(?:is(?:n['’]?t| not)|do(?:es)?(?:n['’]?t| not)) (?:really )?(?:important|relevant|matter|of importance)|"
-    r"(?:no matter|never mind|regardless of)(?= the\b)|in (?:whatever|whichever|any) order)\b[^,.;!?]*"
-    r"|[,.;]?\s*\b(?<!in )any order\b[^,.;!?]*"
-    r"|[,.;]?\s*\b(?:you (?:may |can )?(?:choose|pick|decide)(?: which(?: ones?)?| the order)?|"
-    r"(?:which (?:\w+ )?|the order )?(?:is )?(?:entirely )?up to you)(?=\s*(?:[,.;!?]|$))"
-)
-"""What leaves something open: "I don't care about the order"."""
-_TAG: Final = re.compile(
-    r",\s*(?:(?:is|are|do|does|have|has|can|could|will|would|did|was|were|should)(?:n['’]?t)? "
-    r"(?:it|you|they|we|i|there|he|she)|(?:\w+ )?(?:is|was) it|alright|all right|ok|okay|right|yes|"
-    r"no(?=\s*\?)|eh|hm+|please)"
-    r"\s*(?=\?|,)"
-)
-"""Small questions at the end: "..., would you?"."""
-_HEADING: Final = re.compile(
-    rf"^\W*(?!(?:[\w'’]+ ){{0,3}}?(?:\d+|{'|'.join([*NUMBERS][1:])})\b)(?:[\w'’]+ ){{0,3}}"
-    r"(?:tour|tour time|rounds?|plan|route|mission|task|errand|job|trip|schedule|lap|"
-    r"circuit|loop|zigzag|itinerary|things|stops|places|errands|stations)(?: for (?:me|us))?\s*[:!]"
-    r"|^\W*let us (?:see|find out|check) how [^,.;:!?]*[:,.!]"
-    r"|^\W*before (?:we|you|i) (?:leave|go|start|begin)\s*[:,]"
-)
-"""What only names what follows: "evening tour:"."""
-_ATTRIBUTE: Final = re.compile(
-    r"\b(?:(?:please )?(?:give|tell|say|state|report|name|measure|determine|calculate|estimate|find out|work "
-    r"out|read|let me know|"
-    r"show|read out|(?:i|we) (?:need|want|would like)(?: to know| you to tell me)?|do you know|what about|"
-    r"how about)(?: me| us| to me)?)"
-    r"(?: (?:about|for|of))? (?:what (?!colou?r|size|height|width))?(?:(?:the|its|their) (?:\w+ )?)?"
-    r"(?=(?:distance|colou?r|height|width|length of|size|area of|footprint|breadth|dimensions|number of|count "
-    r"of|position|location|whereabouts)\b)"
-)
-"""How an attribute is asked for: "tell me the colour of", "I need the distance to"."""
-_GOT: Final = re.compile(r"\b(?:has|have) ((?:the|my|our|your|this|that|any|an?) [\w ]{2,30}?) got\b")
 _PAST: Final = {
     "went": "go", "came": "come", "drove": "drive", "took": "take", "brought": "bring", "told": "tell",
     "stood": "stand",
@@ -116,243 +42,8 @@ _PAST: Final = {
 }  # fmt: skip
 _WISHED: Final = re.compile(rf"\bif you (?:{_SOFTLY})({'|'.join(_PAST)})\b")
 """What is wished for in the past tense: "I would be glad if you went"."""
-_MODAL: Final = re.compile(
-    r"\b(?:would|could|might|can|will) (?=(?:it|the|my|our|your|there|an?|any|this|that|these|those)\b)"
-    r"([^,.;:!?]{2,60}?)\b(?:happen to |possibly |perhaps |by any chance )?be\b"
-)
-"""What is asked by way of a possibility: "might the bag be under the bench"."""
-_ALL_OF: Final = re.compile(
-    r",\s*(?:every (?:single )?one|all(?: \w+)?|both|each(?: and every)?(?: one)?|the lot) of "
-    r"(?:them|those)(?=\s*(?:[,.;!?]|$))|,\s*(?:both|all)(?: (?:the )?\w+)? together(?=\s*(?:[,.;!?]|$))"
-    r"|,\s*(?:the |its )?\w+ and all(?=\s*(?:[,.;!?]|$))"
-)
-"""What only repeats that all are meant: "the bins, every one of them"."""
-_WHO_PUT_DOWN: Final = re.compile(
-    r"(?<=\w) (?:that |which )?(?:somebody|someone|people|they|we|i|you|he|she)(?: had| have)? (?:stuck|put|"
-    r"left|hid|set|laid|"
-    r"kept|placed|stored|stashed|shoved|tucked|dropped|parked|forgot|stuffed|chucked|dumped)(?: down| away| up)? "
-    r"(?=(?:in|on|under|underneath|beneath|below|at|by|near|next to|behind|between|beside|inside|against)\b)"
-)
-"""Who put there what is spoken of: "the bag I left under the bench"."""
-_NEGATIVE: Final = re.compile(
-    r"(?:(?<=^)|(?<=[,.;:!?] ))(is|are|does|do|has|have)n['’]t (?=(?:there|it|the|this|they|we|you)\b[^,.;:!?]*\?)()"
-)
-"""What is asked by way of its denial: "isn't there a lamp on the table?"."""
-_OPENING: Final = re.compile(
-    r"^\W*(?:(?:right so|right(?: then)?(?=\s*,\s*(?!left|right|then|forward|back|straight|and|turn|go)|\s*:)|"
-    r"so|and|um+|uh+|okay|ok|yeah|well|hmm+|er+|uhm)\b[\s,]*)+"
-)
 _IS: Final = re.compile(r"\b(that|it|there|what|where|here|which|who|how)['’]s\b")
 _SHORT: Final = re.compile(r"\b(i|you|we|they|he|she|it|that|there|who|what|where|this)['’](m|d|re|ve|ll)\b")
-_LEFT: Final = re.compile(
-    r"\b((?:(?:is|are) there|there (?:is|are)|any|how (?:many|much)) (?:\w+ ){1,3})"
-    r"(?<!the )(?<!your )(?<!my )(?<!on )(?<!to )left\b(?! of| side| hand)"
-)
-"""What is there still, as in "is there any cake left on the counter?"."""
-_PLACING_WORD: Final = r"under|on\b|in\b|inside|into|onto|below|beneath|behind|between|beside|next|near"
-_PUT_DOWN: Final = re.compile(
-    r"\b(what|(?:how many|which) \w+(?: \w+)?(?= did\b)) (?:stuff |things |else )?(?:(?:do|does|did|has|have) "
-    r"(?:they|people|somebody|someone|anybody|anyone|he|she|(?:my|our|the|his|her) (?!robot\b)\w+)|"
-    rf"(?:did|have) (?:we|i|you)) (?!see|seen|find|found|say|mean|got)\w+(?: down| away)? (?={_PLACING_WORD})"
-)
-"""Who put what is asked for where it is: "what did they put under the bench?"."""
-_ENDED_UP: Final = re.compile(
-    r"\b((?:in|to|at) (?:what|which) (?:room|place)|where) did "
-    r"((?:the|my|our|your) [\w ]+?) (?:end up|go|get to|wind up|land)\b"
-)
-_TO_DO: Final = re.compile(
-    r"\b(how many (?!of\b)[\w ]{3,40}?) (?:(?:do|must|should|shall|will|would|can|could|have|need) (?:i|we) "
-    r"(?:(?:have|need|got) to )?(?!see|spot|find|count|have|need|make|get|go|drive|seat)\w+(?: down| up| off| out)?"
-    rf"(?= (?:{_PLACING_WORD}|at\b)|\W*$)|(?:are|is) there to (?!the\b|my\b|your\b)\w+(?: down| up| off| out)?(?=\W*$)"
-    r"|do(?:es)? (?:your|the|this) map (?:show|have|know|contain|hold)(?=\W*$))"
-)
-"""What has to be done with what is counted: "how many windows do I have to wash in the kitchen?"."""
-_SO_FACING: Final = re.compile(r"(?<!yourself )\bso (?:that )?you(?: are)? (?:facing|looking|face|look)\b")
-_SPACE: Final = re.compile(
-    r"\bwhich (?:one |room |of them )?(?:has(?: got)?|offers|gives) (?:more|the most) (?:space|room|floor space|"
-    r"area)\b"
-)
-_AT_LAST: Final = re.compile(
-    r"\b((?:where|what|who|which|how) [^.!?]*?) (?:again|this time|these days|nowadays)(?=\W*$)"
-)
-"""What a question ends with: "what have they left on the table this time?"."""
-_ABOUT: Final = (
-    r"(?:exactly|precisely|roughly|approximately|more or less|give or take|or so|or thereabouts|at a guess|"
-    r"in (?:square |centi)?met(?:re|er)s|(?:from )?up close)"
-)
-_QUESTION: Final = r"(?:how|what|where|which|who|is|are|do|does|has|have|can|could|count|list|any)\b"
-_ASIDES: Final = tuple(
-    (re.compile(pattern), instead)
-    for pattern, instead in (
-        # what only opens a question: "report:", "quick check:"
-        (
-            r"^\W*(?:(?:\w+ ){0,2}(?:report|query|check|request|inquiry|enquiry|inventory|survey)|"
-            r"status|next|order|command)\s*[:!]\s*",
-            "",
-        ),
-        # how exactly it is to be told: "roughly how far", "how long exactly is", "how big is it, roughly?"
-        (rf"\b(?:{_ABOUT}|about),? (?=(?:how|what(?! (?:about|is near))|where|which) )", ""),
-        (
-            rf"\b(how (?:far|long|wide|high|tall|big|large|deep|near)|where|what|which),? {_ABOUT}\b(?! to\b)",
-            r"\1",
-        ),
-        (rf"(?:[,\s]+{_ABOUT})+(?=\s*[?!:;]|\s*[.,]*\s*$)", ""),
-        (rf",\s*{_ABOUT}\s*(?=,)", ""),
-        # where nothing more is limited: "in the kitchen only", "anywhere in the café", "out here in the hall"
-        (rf"(^\W*{_QUESTION}[^.?!]*?) (?:only|alone|itself)(?=\s*[?.!]*\s*$)", r"\1"),
-        (r"(?<!is )(?<!are )(?<!there )\b(?:any|some)where (?:at all |else )?(?=(?:in|inside|within|on)\b)", ""),
-        (
-            r"\b(is|are) there (an?|any|some) ([\w ]{2,30}?) anywhere (?=(?:in|inside|within|on|around)\b)",
-            r"\1 there \2 \3 ",
-        ),
-        (
-            r"\b(?:right|just|out|over|down|up|back) (?:here|there) "
-            r"(?=(?:in|inside|on|at|by|near|next to|under|behind|between|beside)\b)",
-            "",
-        ),
-        # whose view it is, which is the robot's anyway: "from your side,", "as you look at the counter from here,"
-        (
-            r"(^\W*|[.,;!?] *)(?:and |so |now )?(?:seen |viewed |looking |looked at )?from (?:here|"
-            r"your (?!left\b|right\b)\w+(?: of view)?|"
-            r"where you(?: are)?(?: now)?(?: standing| stand| sitting| parked)?(?: now| right now)?)\s*,",
-            r"\1",
-        ),
-        (
-            r"(^\W*|[.,;!?] *)(?:as|when|if|while) (?:you|one) (?:are |is )?(?:now )?"
-            r"(?:looks?|looking|faces?|facing|stands?|standing|sees?)\b[^,.;!?]{0,40},\s*"
-            r"(?=(?:what|which|where|is|are|how|does|do)\b)",
-            r"\1",
-        ),
-        (
-            r"[,\s]+(?:as|when) (?:you|one) (?:looks?|faces?|stands?|sees?)(?: (?:at )?(?:it|them|us))?"
-            r"(?: from here)?(?=\s*[?.!]*\s*$)",
-            "",
-        ),
-    )
-)
-"""What carries nothing wherever it is said, and what is left of it."""
-_WHOSE: Final = (
-    r"(?:any(?:body|one)|some(?:body|one)|one of you|they|people|we|you|i|he|she|(?:my|our|the|your) (?:kids|boys?|"
-    r"girls?|children|guests?|wife|husband|mum|dad|son|daughter|visitors?|staff|cleaners?))"
-)
-_PLACED_AT: Final = (
-    r"(?:in|on|at|under|underneath|beneath|behind|between|beside|by|near|next to|inside|above|over|here|there)\b"
-)
-_EXTENT: Final = r"(length|height|width|breadth|size|area)"
-_REWORDED: Final = tuple(
-    (re.compile(pattern), instead)
-    for pattern, instead in (
-        # measures: "what length is it", "how many square metres does it have", "more than two metres long"
-        (
-            rf"\b(?:of )?what {_EXTENT} (?:is|are|does|do|has|have) ([^,.?!]+?)(?: have| got| measure)?(?=\s*[,.?!]|"
-            rf"\s*$)",
-            r"what is the \1 of \2",
-        ),
-        (r"\bwhat are the (?:measurements|dimensions|measures) of\b", "how big is"),
-        (
-            r"\bhow (?:many square met(?:re|er)s|much (?:floor |free )?(?:space|area|room))(?: of \w+)? (?:does|do|"
-            r"has|have|is|are)(?: there in)? "
-            r"([^,.?!]+?)(?: have| got| cover| measure| take up| offer)?(?=\s*[,.?!]|\s*$)",
-            r"how big is \1",
-        ),
-        (r"\bhow (big|large) an? (?:room|place|thing) is\b", r"how \1 is"),
-        (r"\bhow many (?:centi)?met(?:re|er)s (long|wide|high|tall|deep|big|broad) (is|are)\b", r"how \1 \2"),
-        (
-            r"\b(?:would|does|will) (?:a|the|my) (?:tape(?: measure)?|ruler|yardstick) (?:show|read|say|give) (?:me )?"
-            r"(more|less) than ([\d.]+|\w+)( (?:centi)?met(?:re|er)s?| c?m) (?:for|at|along|across) ([^,.?!]+)",
-            r"is \4 \1 than \2\3 long",
-        ),
-        (
-            r"\b(?:does|do) ([^,.?!]+?) (?:measure|have) (more|less) than ([\d.]+|\w+)( (?:square |centi)?met(?:re|"
-            r"er)s?| c?m)\b",
-            r"is \1 \2 than \3\4 long",
-        ),
-        *(
-            (
-                rf"\b(?:{than}) ([\d.]+|\w+)( (?:centi)?met(?:re|er)s?| c?m) {said}\b",
-                rf"{word} than \1\2",
-            )
-            for said, more, less in (
-                ("(?:long|wide|across)", "longer", "shorter"),
-                ("(?:high|tall)", "taller", "lower"),
-            )
-            for than, word in (("more than|over|above|at least", more), ("less than|under|below|at most", less))
-        ),
-        (r"\b(?:more|over) (than )?([\d.]+|\w+)( square met(?:re|er)s?)(?: (?:long|large|big))?", r"larger than \2\3"),
-        (
-            r"\b(?:less|under) (than )?([\d.]+|\w+)( square met(?:re|er)s?)(?: (?:long|large|big))?",
-            r"smaller than \2\3",
-        ),
-        # counts: "is there one, or are there two?"
-        (
-            r"^(\W*)(?:(?:is|are) there|(?:do|have) (?:i|we|you)(?: have| got)?)(?: just| only)? (?:an?|one|two|"
-            r"three|four|five) "
-            r"([^,.?!]+?),? or (?:(?:is|are) (?:it|there) |rather |maybe )?(?:just |only )?(?:one|two|three|four|"
-            r"five|more|several)(?=\W*$)",
-            r"\1how many \2 are there",
-        ),
-        (
-            r"^(\W*)(?:one|two|three) ([\w ]+?) or (?:one|two|three|four|more)((?: in| at| on| here)?[\w ]*)(?=\?)",
-            r"\1how many \2 are there\3",
-        ),
-        (r"\b(are there [^,.?!]*?)in all (?:of )?(?:the |our |these |your )?rooms\b", r"\1in every room"),
-        # who put there what is asked for, or saw it
-        (r"\bwho(?: has| have| is|['’]s)? (?:seen|saw|spotted|noticed|found) ", "where is "),
-        (
-            r"\b(?:who|somebody|anybody|anyone|does (?:any(?:body|one)|some(?:body|one))) knows? (?=(?:where|how|"
-            r"what|which)\b)",
-            "",
-        ),
-        (
-            rf"(^\W*|[,.;:!?] *)(?:has|have|had|did) {_WHOSE} (?!seen?\b|found?\b|got\b|notice|spot|ha(?:ve|s|"
-            rf"d)\b)\w+(?: down| away| behind)? "
-            rf"(?=(?:an?|any|some|anything|something|\w+s)\b[^,.?!]* {_PLACED_AT})",
-            r"\1is there ",
-        ),
-        (
-            rf"(^\W*|[,.;:!?] *)(?:has|have|had|did) {_WHOSE} (?!seen?\b|found?\b|got\b|notice|spot|ha(?:ve|s|"
-            rf"d)\b)\w+(?: down| away| behind)? "
-            rf"(?=(?:the|my|our|it)\b[^,.?!]* {_PLACED_AT})",
-            r"\1is ",
-        ),
-        (
-            rf"\b(?:is|are) (any(?:body|one|thing)|some(?:body|one|thing)) (?:\w+ing|left|put|kept)(?: down| about| "
-            rf"around)? (?={_PLACED_AT})",
-            r"is there \1 ",
-        ),
-        (
-            rf"\b(?:do|does) (any(?:body|one|thing)|some(?:body|one|thing)|(?:any|an?) [\w ]{{2,25}}?) (?:lie|stand|"
-            rf"sit|hang|live|rest|wait)s?"
-            rf"(?: down| about| around)? (?={_PLACED_AT})",
-            r"is there \1 ",
-        ),
-        (rf"\b((?:any|some|no|every)thing) left (?={_PLACED_AT})", r"\1 "),
-        (
-            r"\b(how many [\w ]{3,30}?) (?:live|lives|are living|do live)\b(?: with (?:us|me|you|them))?",
-            r"\1 are there",
-        ),
-        (r"\b(where (?:is|are) [^,.?!]+?) for (?:that|this|it)(?=\s*\?)", r"\1"),
-        (
-            rf"\bwhat colou?r (?:have|has|did|do|does) {_WHOSE} (?:\w+) (?:for |to )?(?=the\b|my\b|our\b|this\b|"
-            rf"that\b)",
-            "what colour is ",
-        ),
-        (r"\b(what colou?r (?:is|are) [^,.?!]+?) (?:painted|dyed|coloured|done)(?: in)?(?=\W*$)", r"\1"),
-        (
-            r"(^\W*|[,.;:!?] *|and |then )(?:go )?(?:and )?(?:have|take) a (?:quick |good |closer |little )?look "
-            r"(?:at )?(?=(?:what|where|which|how)\b)",
-            r"\1",
-        ),
-        (
-            r"(^\W*|[,.;:!?] *|and |then )(?:go )?(?:and )?(?:have|take) a (?:quick |good |closer )?look (?=(?:if|"
-            r"whether)\b)",
-            r"\1check ",
-        ),
-        (r"\b(?:(?:on|at|to) )?(?:either|each|both) sides? of\b", "next to"),
-        (r"\b(can|do) you see (it|them|him|her) anywhere\b", r"where is \2"),
-    )
-)
-"""What is asked in other words: by what it is asked instead."""
 _YOURSELF: Final = re.compile(
     r"(?:^|(?<=[,.;!] )|(?<=then ))(\w+) yourself(?= (?:right |directly |down |just )?"
     r"(?:in|into|between|beside|next|near|by|at|under|behind|on|to|over|along|across)\b)"
@@ -431,22 +122,23 @@ def _left_out(pattern: re.Pattern[str], said: str, instead: str = "") -> str:
     return pattern.sub(lambda found: instead if _NAMED.isdisjoint(_WORD.findall(found[0])) else found[0], said)
 
 
-_THAT_LEFT_OUT: Final = re.compile(
-    r"\b((?:the|a|an) \w+(?: \w+)?) ((?:the|an?|my|our) \w+(?: \w+)? (?:is|are) (?:(?:sitting|standing|lying) )?on)"
-    r"(?=\s*(?:[?.!,;]|$))"
-)
-"""As in "the couch the teddy is sitting on"."""
+_NAME: Final = re.compile(r"%([A-Z_]+)")
 
 
-_WHICH_FIRST: Final = re.compile(
-    r"[,.;]?\s*(?:(?:it|that) )?does(?:n['’]?t| not) (?:really )?matter"
-    r" which(?: one)?(?: (?:comes|is|goes|you \w+))? first\b"
-)
-"""What leaves the order open; "first" would order it anywhere else."""
-_FILLERS: Final = re.compile(r"(?:,\s*(?=\w+\s*,))?\s*\b(?:er+|erm+|um+|uh+|uhm+|hm+|ehm)\b\s*(?:,|\.\.+)?")
-_CONTRACTED: Final = re.compile(
-    r"\b([a-z]+)['’]s(?= (?:about|going|gone|not|been|too|so|very|really|always|still|getting|an?|the|in|on|under)\b)"
-)
+def _rewordings() -> Iterator[tuple[re.Pattern[str], str, bool]]:
+    """Load what is said in other words: patterns, what they are read as, and whether that is told by no name."""
+    names = {"NUMBERS": "|".join([*NUMBERS][1:])}
+    for line in load_text("rewordings.txt").replace("\n    ", "").splitlines():
+        if line.startswith("%") and " = " in line:
+            name, _, pattern = line[1:].partition(" = ")
+            names[name] = pattern
+        elif line and not line.startswith("#"):
+            pattern, _, instead = _NAME.sub(lambda found: names[found[1]], line).partition(" =>")
+            guarded = pattern.startswith("?")
+            yield re.compile(pattern[guarded:]), instead[1:].replace("_", " "), guarded
+
+
+_REWORDINGS: Final = tuple(_rewordings())
 
 
 def plainly(text: str) -> str:
@@ -457,53 +149,11 @@ def plainly(text: str) -> str:
     said = re.sub(r"\s[-–—]+\s", ", ", re.sub(r"\s*(?:[-=]*>|→)\s*", ", then ", said))
     said = written_out(_SHORT.sub(r"\1 \2", said))
     said = _WORD.sub(lambda found: SPELLED.get(found[0].replace("’", "'"), found[0]), said)
-    for words, instead in (*_ASIDES, *_REWORDED):
-        said = words.sub(instead, said)
-    said = _LEFT.sub(r"\1", re.sub(r"\bam i\b", "are you", said))
-    said = re.sub(r"\bif you were (?=(?:at|by|in|near|next)\b)", "if you would go ", said)
-    said = _WHICH_FIRST.sub("", said)
     said = _WISHED.sub(lambda found: f"if you would {_PAST[found[1]]}", said)
-    said = _TAG.sub("", _left_out(_KINDLY, _left_out(_INDIFFERENT, said), " "))
     said = _YOURSELF.sub(lambda found: found[0] if (found[1],) in _KNOWN else "go", said)
-    said = re.sub(r"(?<!what )\bis that (?=in\b|on\b|at\b|under\b)", "is it ", _PUT_DOWN.sub(r"\1 is ", said))
-    said = re.sub(r"^(\W*\w+) first(?:ly)?(?= (?:to|the|into)\b)", r"\1", said)
-    said = re.sub(r"\b(is|are|does|do|you|we|i|to|they|it) actually\b", r"\1", _left_out(_POLITE, said, " "))
-    said = re.sub(r"(?<!have )\b(i|we) got (?=some\b|an?\b|my\b)", r"\1 have ", said)
-    said = re.sub(r"[,;]?\s*\bforget (?:about )?the [\w ]{2,25},\s*", ", no, ", said)
-    said = _FILLERS.sub(" ", _CONTRACTED.sub(r"\1 is", said))
-    said = _TO_DO.sub(r"\1 are there", _ENDED_UP.sub(r"\1 is \2", _AT_LAST.sub(r"\1", said)))
-    said = _SPACE.sub("which is larger", _SO_FACING.sub("to face", said))
-    said = re.sub(r"\bwhat (?:is )?its colou?r(?: is)?\b|\bits colou?r(?=\W*$)", "what colour is it", said)
-    said = re.sub(r"\bwhat colou?r would (?:you|one) (?:call|say|describe|name)\b", "what colour is", said)
-    said = re.sub(r"^\W*without (?:moving|driving|going anywhere)\b,?\s*(?=turn|look|face|spin|rotate)", "", said)
-    said = re.sub(r"\b(where (?:is|are|has|have) [^,.?]*?) (?:gone(?: to)?|got to|disappeared to)(?=\W*$)", r"\1", said)
-    said = re.sub(r"\bwhat is the (\w+)(?<!head) count\b", r"how many \1", said)
-    said = re.sub(
-        r"^(\W*)(?=(?:colou?r|size|height|width|length|distance) (?:of|to|between)\b)", r"\1what is the ", said
-    )
-    said = _THAT_LEFT_OUT.sub(r"\1 that \2", _GOT.sub(r"does \1 have", said))
-    said = re.sub(r"(^\W*|[,.;:!?] *|then )should (?!i\b|we\b|you\b)([^,.;:!?]{2,60}?) be\b", r"\1if \2 is", said)
-    said = re.sub(r", not (?:this|that) (?:one|\w+), (?=the\b)", ", ", said)
-    said = re.sub(r"\bon (?:the|this) spot\b", "", said)
-    said = re.sub(r"\bplease to (?!the\b|an?\b|my\b|our\b|your\b|this\b|that\b|some\b)", "please ", said)
-    said = _MODAL.sub(r"is \1", said)
-    said = _ATTRIBUTE.sub("what is the ", said)
-    said = _NEGATIVE.sub(r"\1 \2", said)
-    said = re.sub(r"\b(is|are) (?:their|they re) (?=an?\b|any\b|no\b)", r"\1 there ", said)
-    said = re.sub(r"\b(is|are|do|does) not no\b", r"\1 no", said.replace("how is many", "how many"))
-    said = re.sub(r"\b2(?= (?:the|my|your|our|this|that)\b)", "to", said)
-    said = re.sub(r"\boff ((?:in)?to [^,.;:!?]+?) (?:we|you|i) go\b", r"go \1", said)
-    said = re.sub(r"(^\W*|[,.;:!] *|then )off (?=(?:to|into)\b)", r"\1go ", said)
-    said = re.sub(r"\bw/\s*", "with ", _ALL_OF.sub("", _WHO_PUT_DOWN.sub(" ", said)))
-    said = re.sub(r"\b(?:my|our|the|his|her) (?:\w+ ){1,2}(?=(?:wants?|needs?|would like|would love) to\b)", "i ", said)
-    said = re.sub(r"\bi (?:wants|needs) to\b", "i want to", said)
-    said = re.sub(
-        r"\b(i would like|i want) (?=(?:make|have|eat|drink|sit|lie|go|wash|cook|sleep|read|watch)\b)", r"\1 to ", said
-    )
-    said = re.sub(r"\b(?:any|either|whichever)(?: one)? of (?=(?:the|my|our|your|these|those|them)\b)", "one of ", said)
-    said = re.sub(r"\bits (?=(?:the|an?|not|in|on|at|under|near|next|behind)\b)", "it is ", said)
-    said = re.sub(r",\s*so\s+(?!that\b|i\b|we\b)", ", ", said)
-    return re.sub(r"\b[xy]\s*=?\s*(?=[-.\d])", "", _left_out(_HEADING, _OPENING.sub("", said)))
+    for pattern, instead, guarded in _REWORDINGS:
+        said = _left_out(pattern, said, instead) if guarded else pattern.sub(instead, said)
+    return said
 
 
 def clauses(text: str, *, purposes: bool = False) -> Iterator[str]:

@@ -7,6 +7,7 @@ They are loaded once from the JSON files beside this module:
 - ``things.json``: other names of classes (``names``, ``narrower``), generic words that take several classes together
   (``kinds``, ``like``), classes to try in turn (``first_fit``), what one does somewhere (``activities``, ``places``,
   ``links``), what a wish speaks of (``lacks``, the first that fits), and further things people speak of (``others``).
+- ``rewordings.txt``: what is said in other words, rewritten before tokens are read (``tokenizer.plainly``).
 - ``words.json``: numbers, ordinals, amounts, compass points, irregular plurals, everyday words, words not of names.
 """
 
