@@ -9,6 +9,7 @@ has.
 """
 
 import re
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -85,6 +86,7 @@ class Grammar:
     def __init__(self) -> None:
         self._rules: dict[str, list[_Rule]] = {}
         self._first: dict[str, tuple[frozenset[str], bool]] = {}
+        self._lock = threading.RLock()  # several pages may read their first commands at once
 
     def rule(self, name: str, *patterns: str, cost: float = 0.0) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
         """Return a decorator that adds patterns to a rule; ``cost`` says how unlikely they are."""
@@ -106,6 +108,10 @@ class Grammar:
 
     def first(self, part: Any) -> tuple[frozenset[str], bool]:
         """Return the kinds of tokens that can begin a pattern, and whether it may be empty."""
+        with self._lock:  # what is being looked for has no kinds yet, which another thread must not take for the answer
+            return self._begins(part)
+
+    def _begins(self, part: Any) -> tuple[frozenset[str], bool]:
         match part:
             case _Symbol(name=name) if name.isupper():
                 return frozenset([name]), False
@@ -117,7 +123,7 @@ class Grammar:
             case _Sequence(parts=parts):
                 found: frozenset[str] = frozenset()
                 for one in parts:  # a rule further on may be one whose own first tokens are being looked for
-                    kinds, empty = self.first(one)
+                    kinds, empty = self._begins(one)
                     found |= kinds
                     if not empty:
                         return found, False
@@ -125,11 +131,11 @@ class Grammar:
             case _Choice(parts=parts):
                 return self._either(parts)
             case _:
-                kinds, empty = self.first(part.part)
+                kinds, empty = self._begins(part.part)
                 return (frozenset(), True) if isinstance(part, _Ahead) else (kinds, empty or part.least == 0)
 
     def _either(self, parts: Sequence[Any]) -> tuple[frozenset[str], bool]:
-        found = list(map(self.first, parts))
+        found = list(map(self._begins, parts))
         return frozenset().union(*(kinds for kinds, _ in found)), any(empty for _, empty in found)
 
 

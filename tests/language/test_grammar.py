@@ -1,6 +1,7 @@
 """The grammar holds together: every name in a pattern is a rule or a token, and what it gives has a taker."""
 
 import inspect
+import threading
 
 import pytest
 
@@ -204,3 +205,28 @@ def test_a_verb_takes_a_bare_name_unless_it_would_move_the_thing() -> None:
         with pytest.raises(CommandError, match="Not understood"):
             read_command(said, ("chair", "couch"))
     assert read_command("go sofa", ("chair", "couch")).program == 'robot.move_to_object("couch")'
+
+
+def test_a_thread_does_not_take_half_of_the_first_tokens_for_all(monkeypatch) -> None:
+    """Two pages that open at once read their first commands at once; one left the other without a verb for good."""
+    toy, looking, go_on = Grammar(), threading.Event(), threading.Event()
+    toy.words("order", "verb N")
+    toy.words("verb", "GO")
+    finish = Grammar._either
+
+    def slowly(self, parts):
+        looking.set()
+        go_on.wait(10.0)
+        return finish(self, parts)
+
+    monkeypatch.setattr(Grammar, "_either", slowly)
+    found = []
+    one, other = (threading.Thread(target=lambda: found.append(toy.first(grammar._compiled("order")))) for _ in "12")
+    one.start()
+    assert looking.wait(10.0)
+    other.start()
+    other.join(0.3)
+    go_on.set()
+    one.join(10.0)
+    other.join(10.0)
+    assert found == [(frozenset(["GO"]), False)] * 2
