@@ -9,9 +9,10 @@ from pathlib import Path
 import tyro
 
 from simaps_viz import BuildConfig, open_sequence, save_map
-from simaps_viz.app.workbench import cache_folder
+from simaps_viz.app.workbench import cache_folder, truth_beside
 from simaps_viz.build.to_file import BuildRequest, build_to_file
 from simaps_viz.console.progress import stage_progress
+from simaps_viz.evaluation.truth import find_truth, truth_as_map, truth_of
 from simaps_viz.recorder.settings import RecorderSettings
 from simaps_viz.scenes.demo import ensure_demo
 
@@ -43,6 +44,7 @@ def main(config: Record) -> None:
         # Where the frames lay on this machine means nothing on others.
         shipped = replace(simap, provenance={**simap.provenance, "sequence": ""})
         save_map(shipped, config.output.with_suffix(".npz"))
+        save_map(truth_as_map(truth_of(simap, find_truth(sequence))), truth_beside(config.output.with_suffix(".npz")))
     sys.stdout.write(f"{config.output}: {config.output.stat().st_size / 2**20:.1f} MiB\n")
 
 

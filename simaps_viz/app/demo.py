@@ -65,7 +65,7 @@ class FramesState:
 def serve_shipped(simap: SIMap, *, port: int, access: Access, browser: bool, llm: str | None) -> None:
     """Serve the page of the shipped map until Ctrl-C; panels that need the frames are added once these are rendered."""
     frames, recording = DemoFrames(), SHIPPED_MAP.with_suffix(".rrd")
-    panels = workbench.panels_of(simap, None, frames=False)
+    panels = workbench.panels_of(simap, None, frames=False, truth=workbench.truth_beside(SHIPPED_MAP))
     services = replace(
         workbench.services_of(simap, recording, lambda: frames.mending),
         panels=(frames.panel(), *panels),
@@ -134,7 +134,7 @@ class DemoFrames:
             simap, recording = workbench.cached_build(open_sequence(manifest), SHIPPED_METHOD, BuildConfig(), progress)
             self.map_path = recording.with_suffix(".npz")
             self.mending = open_mending(self.map_path, simap)
-            panels = workbench.panels_of(simap, self.mending)
+            panels = workbench.panels_of(simap, self.mending, truth=workbench.truth_beside(SHIPPED_MAP))
             # The recording that is docked shows the same build, so it stays.
             page.finish(self.mending.simap(), panels)
             self._state = replace(self._state, status="done")

@@ -96,7 +96,7 @@ def open_workbench(
     path = recording if map_path is None else map_path
     services = replace(
         services_of(simap, recording, lambda: mending),
-        panels=panels_of(simap, mending),
+        panels=panels_of(simap, mending, truth=truth_beside(path)),
         model=language_model(llm),
         judging=judging,
         look_back=look_back(lambda: path),
@@ -189,27 +189,36 @@ def services_of(
     )
 
 
-def panels_of(simap: SIMap, mending: Mending | None, *, frames: bool = True) -> "tuple[PanelSpec, ...]":
+def truth_beside(path: Path | None) -> Path | None:
+    """Return where the truth of a map lies, if anywhere: cafe-truth.npz beside cafe.npz."""
+    return None if path is None else path.with_name(f"{path.stem}-truth.npz")
+
+
+def panels_of(
+    simap: SIMap, mending: Mending | None, *, frames: bool = True, truth: Path | None = None
+) -> "tuple[PanelSpec, ...]":
     """Return the panels of a page in addition to those that every page has.
 
     Args:
         simap: the map.
         mending: its edits.
         frames: whether to have the panels that need the frames: comparison and masks.
+        truth: a map file that holds the truth; there may be none.
     """
     from simaps_viz.app.masks import segmentation_services  # noqa: PLC0415 - viser is slow to import
     from simaps_viz.evaluation.two_maps import MapMaker  # noqa: PLC0415 - only needed by the page
     from simaps_viz.recorder.library import RecordingLibrary  # noqa: PLC0415 - rerun is slow to import
     from simaps_viz.viewer.panels.compare import compare_panel, method_panel  # noqa: PLC0415 - as above
+    from simaps_viz.viewer.panels.errors import errors_panel  # noqa: PLC0415 - as above
     from simaps_viz.viewer.panels.masks import masks_panel  # noqa: PLC0415 - as above
     from simaps_viz.viewer.panels.recordings import recordings_panel  # noqa: PLC0415 - as above
     from simaps_viz.viewer.panels.share import SHARE  # noqa: PLC0415 - as above
 
+    maker = MapMaker(sequence_of(simap) if frames else None, cache_folder(), truth)
     of_frames = ()
     if frames:
-        maker = MapMaker(sequence_of(simap), cache_folder())
         of_frames = method_panel(maker), compare_panel(maker), masks_panel(segmentation_services(simap, cache_folder()))
-    return *of_frames, *mending_panels(mending), SHARE, recordings_panel(RecordingLibrary())
+    return errors_panel(maker), *of_frames, *mending_panels(mending), SHARE, recordings_panel(RecordingLibrary())
 
 
 def mending_panels(mending: Mending | None) -> "tuple[PanelSpec, ...]":

@@ -444,17 +444,19 @@ class Source:
 class MapMaker:
     """Makes maps of one sequence by name, in the grid of the map they are to be compared with; each only once."""
 
-    def __init__(self, sequence: FrameSource | None, folder: Path) -> None:
-        """Take the sequence, and the folder in which maps are kept."""
+    def __init__(self, sequence: FrameSource | None, folder: Path, truth: Path | None = None) -> None:
+        """Take the sequence, the folder in which maps are kept, and where a map file may hold the truth."""
         self._sequence, self._folder = sequence, folder
+        self._truth = truth if truth is not None and truth.is_file() else None
         self._made: dict[Path, SIMap] = {}
         self._in_space: dict[Path, SpaceTruth] = {}
 
     def sources(self, simap: SIMap) -> tuple[Source, ...]:
-        """Return the maps that ``make`` can make for a map; none without a sequence."""
+        """Return the maps that ``make`` can make for a map; without a sequence none but a truth that is a file."""
+        known = self._truth is not None or (self._sequence is not None and exact_of(self._sequence) is not None)
+        truth = (Source(TRUTH, "Ground truth"),) if known else ()
         if self._sequence is None:
-            return ()
-        truth = () if exact_of(self._sequence) is None else (Source(TRUTH, "Ground truth"),)
+            return truth
         others = (name for name in METHOD_NAMES if name != simap.method)
         return *truth, *(Source(name, _BASELINES.get(name, f"Method {name}")) for name in others)
 
@@ -470,11 +472,14 @@ class MapMaker:
             InputError: there is no sequence, or no truth, or it cannot be read.
         """
         sequence = self._sequence
-        if sequence is None:
+        if key == TRUTH and self._truth is not None:
+            kept = self._truth
+        elif sequence is None:
             raise InputError("comparison: expected the sequence the map was built from, found none")
-        kept = self._kept(key, simap, sequence)
+        else:
+            kept = self._kept(key, simap, sequence)
         if kept not in self._made:
-            self._made[kept] = load_map(kept) if kept.is_file() else self._build(key, simap, sequence, tell, kept)
+            self._made[kept] = load_map(kept) if kept.is_file() else self._build(key, simap, tell, kept)
         return self._made[kept]
 
     def truth_in_space(self, simap: SIMap, tell: Progress) -> SpaceTruth:
@@ -495,7 +500,9 @@ class MapMaker:
         truth = self.truth_in_space(simap, tell)
         return score_space(space_points(simap), simap.grid.labels, truth)
 
-    def _build(self, key: str, simap: SIMap, sequence: FrameSource, tell: Progress, kept: Path) -> SIMap:
+    def _build(self, key: str, simap: SIMap, tell: Progress, kept: Path) -> SIMap:
+        sequence = self._sequence
+        assert sequence is not None
         if key == TRUTH:
             exact = exact_of(sequence)
             if exact is None:

@@ -26,12 +26,13 @@ from toy_maps import toy_map
 from toy_segmentations import toy_segmentation
 
 from simaps_viz.app.workbench import mending_panels
-from simaps_viz.evaluation.two_maps import Source
+from simaps_viz.evaluation.two_maps import MapMaker, Source
 from simaps_viz.mapping.file import save_map
 from simaps_viz.mapping.mending import open_mending
 from simaps_viz.mapping.simap import repartition
 from simaps_viz.recorder.library import RecordingLibrary
 from simaps_viz.viewer.panels.compare import ComparePanel, compare_panel
+from simaps_viz.viewer.panels.errors import UNKNOWN, errors_panel
 from simaps_viz.viewer.panels.masks import masks_panel
 from simaps_viz.viewer.panels.recordings import recordings_panel
 from simaps_viz.viewer.panels.share import SHARE
@@ -43,6 +44,7 @@ MIN_PX = 12.0
 PAUSE_MS = 300
 ALL_SAY = SAYS | {
     "Compare": "Right",
+    "Errors": UNKNOWN,
     "Masks": "Thresholds, on this frame only",
     "Share": "Save as picture (.png)",
     "Mend": "Cut along",
@@ -100,6 +102,7 @@ def opened(browser, tmp_path_factory):
         make=lambda key, simap, tell: repartition(simap, k_percent=0.0),
     )
     panels = (
+        errors_panel(MapMaker(None, path.parent)),
         compare_panel(maker),
         masks_panel(toy_segmentation()),
         *mending_panels(open_mending(path)),

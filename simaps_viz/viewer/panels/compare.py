@@ -207,7 +207,10 @@ LEFT, RIGHT = "Left", "Right"
 THIS, SETTINGS = "This map", "This map, other settings"
 OTHER = 20.0
 """By how many percent the other settings differ at first."""
-NO_TRUTH = "No ground truth of this place is known: differences between two maps are shown, not errors."
+NO_TRUTH = (
+    "No ground truth of this place is known: differences between two maps are shown, not errors. "
+    "Tab Errors lists what is doubtful on this map."
+)
 
 
 def load_bytes(name: str, content: bytes) -> SIMap:

@@ -1,0 +1,92 @@
+"""Which objects of a map are doubtful, by what the map itself knows: for maps whose truth nobody knows."""
+
+from collections import defaultdict
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+
+from simaps_viz.colors.classes import plural
+from simaps_viz.mapping.explain import needed_text, score_text
+from simaps_viz.mapping.partition import applied_steps, owner_of_community
+from simaps_viz.mapping.simap import joining_threshold
+from simaps_viz.structures import Instance, SIMap
+
+SURE_SCORE, SURE_FRAMES, SLIM = 0.6, 8, 0.1
+"""Less confidence, fewer frames or a smaller distance to the threshold than this is a reason for doubt."""
+FRAMES_PER_GLANCE = 20
+"""Of so many frames one is enough, where there are few."""
+LARGE, SMALL, ENOUGH = 2.0, 0.4, 4
+"""Times the usual area of a class of at least so many objects, from which on a size is a reason for doubt."""
+MIN_SHARE = 0.15
+"""A part with a smaller share of the object makes no two of it."""
+HALF_CELLS = 30
+"""An error of so small an object counts half as much as one of a very large one."""
+LEAST = 0.1
+"""What is less doubtful is not listed."""
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """An object, and why it may be wrong."""
+
+    instance: Instance
+    weight: float
+    """0 to 1: reasons add up, and large objects count more, as what is wrong with them does."""
+    brief: str
+    """The strongest reason in a few words."""
+    reasons: tuple[str, ...]
+    """Sentences, the strongest reason first."""
+
+
+def doubts(simap: SIMap, but: Collection[int] = ()) -> tuple[Doubt, ...]:
+    """Return the doubtful objects of a map, the most doubtful first, without those whose ids are in ``but``."""
+    found: dict[int, list[tuple[float, str, str]]] = defaultdict(list)
+    areas = {label: [one.cells for one in simap.of_class(label) if one.id not in but] for label in simap.counts()}
+    sure_frames = min(SURE_FRAMES, len(simap.frame_names) / FRAMES_PER_GLANCE + 1.0)
+    # What the frames said of it, and how large it is.
+    for one in simap.instances:
+        about, others = found[one.id], areas[one.label]
+        brief = f"class unsure, {one.score:.0%}"
+        text = f"The frames name its class with a confidence of {one.score:.0%} on average."
+        about.append(((SURE_SCORE - one.score) / SURE_SCORE, brief, text))
+        seen = f"seen in {plural(one.frames, 'frame')} of {len(simap.frame_names)}"
+        about.append((1.0 - one.frames / sure_frames, seen, f"It was {seen}."))
+        if len(others) >= ENOUGH:
+            share = one.cells / _usual(others)
+            text = f"It has {share:.2g} times the area that is usual for a {one.label} here: it may be"
+            about.append((min(share / LARGE - 1.0, 0.8), f"{share:.1f} times the usual size", f"{text} several."))
+            about.append((0.6 * (1.0 - share / SMALL), "far below the usual size", f"{text} a part of one, or none."))
+    # How near it is to being two, or one with another.
+    log, threshold = simap.merges, joining_threshold(simap.method, simap.parameters)
+    applied, owner = applied_steps(log, threshold), owner_of_community(simap)
+    cells = np.bincount(simap.community.reshape(-1), minlength=len(owner)).astype(np.int64)
+    names = {one.id: one for one in simap.instances}
+    for at, (source, target) in enumerate(zip(log.source.tolist(), log.target.tolist(), strict=True)):
+        one, other = names.get(int(owner[source])), names.get(int(owner[target]))
+        doubt = 0.7 * (1.0 - abs(float(log.score[at]) - threshold) / SLIM)
+        parts, score = sorted((int(cells[source]), int(cells[target]))), score_text(simap.method, float(log.score[at]))
+        said = f"{score}, where more than {needed_text(simap.method, threshold)} is needed"
+        if applied[at]:
+            if one is not None and parts[0] >= MIN_SHARE * one.cells:
+                text = f"Two parts of it, {parts[0]} and {parts[1]} cells, were joined by a slim margin: {said}."
+                found[one.id].append((doubt, "hardly joined, may be two", f"{text} It may be two."))
+            cells[target] += cells[source]
+        elif one is not None and other is not None and one.id != other.id:
+            for this, that in ((one, other), (other, one)):
+                text = f"It was nearly joined with {that.name}: {said}. The two may be one."
+                found[this.id].append((doubt, f"nearly one with {that.name}", text))
+    listed = []
+    for number, about in found.items():
+        why = sorted((one for one in about if one[0] >= LEAST), key=lambda one: -one[0])
+        if why and number in names and number not in but:
+            large = names[number].cells / (names[number].cells + HALF_CELLS)
+            weight = large * (1.0 - float(np.prod([1.0 - weight for weight, _, _ in why])))
+            listed.append(Doubt(names[number], weight, why[0][1], tuple(text for _, _, text in why)))
+    return tuple(sorted(listed, key=lambda doubt: (-doubt.weight, doubt.instance.id)))
+
+
+def _usual(areas: list[int]) -> float:
+    """Return the area of the object that the middle one of all cells is in, so that fragments count little."""
+    ordered = np.sort(areas)
+    return float(ordered[np.searchsorted(np.cumsum(ordered), ordered.sum() / 2.0)])

@@ -1,0 +1,169 @@
+"""The panel that lists what is wrong on the map, the worst first; where no truth is known, what is doubtful."""
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import viser
+
+from simaps_viz.colors.classes import plural
+from simaps_viz.drawing.theme import remark_html, small_html
+from simaps_viz.evaluation.two_maps import TRUTH, Item, MapMaker, MapSide, compare_two
+from simaps_viz.mapping.doubts import doubts
+from simaps_viz.structures import SIMap
+from simaps_viz.viewer.page.page import Page
+from simaps_viz.viewer.page.panel import Panel, PanelSpec, button, button_row, by_person
+from simaps_viz.viewer.panels.map import specks_on
+from simaps_viz.viewer.scene.camera import Extent, with_margin
+
+ABOUT = "the worst errors of the map, or, where no truth is known, its doubtful objects"
+LISTED = 6
+"""Entries on a page of the list."""
+ERRORS, DOUBTS = "Worst errors", "Doubtful objects"
+KNOWN = "This place is simulated, so what is true is known. Press one: the map goes there, true outlines are pink."
+REST = ", then outlines that are not quite right and things that are very small"
+UNKNOWN = (
+    "Nobody has said what is true in this place. These are the objects that the map itself is least sure of, the most "
+    "doubtful first. Press one: the map goes there."
+)
+RIGHT = "The share is that of the cells on which the map and the truth agree (intersection over union)."
+PAGES_HINT = f"{LISTED} at a time, the worst first."
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A line of the list."""
+
+    title: str
+    more: str
+    """What is said of it when it is chosen."""
+    selects: int | None
+    """The object of the map that it is about."""
+    true: tuple[int, ...]
+    """Those of the truth."""
+    extent_m: Extent
+
+
+def errors_panel(maker: MapMaker) -> PanelSpec:
+    """Return the tab of a page that has this panel."""
+    return PanelSpec("Errors", viser.Icon.ALERT_TRIANGLE, lambda page: ErrorsPanel(page, maker), about=ABOUT)
+
+
+class ErrorsPanel(Panel):
+    """A list of errors or doubtful objects; pressing one selects it, and looks at it."""
+
+    def __init__(self, page: Page, maker: MapMaker) -> None:
+        """Fill the open container."""
+        self._page, self._maker, gui = page, maker, page.gui
+        self._truth: SIMap | None = None
+        self._entries: list[Entry] = []
+        self._first, self._chosen = 0, -1
+        known = any(source.key == TRUTH for source in maker.sources(page.simap))
+        names = (ERRORS, DOUBTS) if known else (DOUBTS,)
+        self._which = gui.add_dropdown("List", names, initial_value=names[0], visible=known, hint=ABOUT)
+        by_person(self._which, self._list)
+        self._about = gui.add_html("")
+        rows = [functools.partial(self._choose, at) for at in range(LISTED)]
+        self._rows = [button(gui, "-", do, color="gray", visible=False) for do in rows]
+        self._pages = button_row(
+            gui, "Listed", {"Previous": lambda: self._turn(-1), "Next": lambda: self._turn(1)},
+            visible=False, hint=PAGES_HINT,
+        )  # fmt: skip
+        self._more = gui.add_html("")
+
+    def map_changed(self, simap: SIMap) -> None:
+        """List anew what is wrong with the map."""
+        self._list()
+
+    def _list(self) -> None:
+        self._page.submit("errors", self._list_now)
+
+    def _list_now(self) -> None:
+        simap = self._page.simap
+        wants_truth = self._which.value == ERRORS
+        if wants_truth:
+            self._about.content = small_html("Comparing with the truth …")
+            self._truth = self._maker.make(TRUTH, simap, lambda what, done, total: None)
+            found = compare_two(("This map", simap), ("The truth", self._truth), truth="right")
+            entries = [error_entry(item, found.left, found.right) for item in found.items]
+            wrong = len(found.differences)
+            head = f"{plural(wrong, 'error')}{REST if len(entries) > wrong else ''}, the worst first. {KNOWN}"
+        else:
+            entries = doubt_entries(simap, specks_on(self._page))
+            head = UNKNOWN if entries else "No object is doubtful."
+        if simap is self._page.simap:
+            self._entries, self._first, self._chosen = entries, 0, -1
+            self._about.content = small_html(head)
+            self._fill()
+
+    def _fill(self) -> None:
+        shown = self._entries[self._first : self._first + LISTED]
+        for at, row in enumerate(self._rows):
+            row.visible = at < len(shown)
+            if at < len(shown):
+                number = self._first + at
+                row.label = f"{'▸ ' * (number == self._chosen)}{number + 1}. {shown[at].title}"
+        self._pages.visible = len(self._entries) > LISTED
+        chosen = self._entries[self._chosen].more if self._chosen >= 0 else ""
+        listed = f"{self._first + 1} to {self._first + len(shown)} of {len(self._entries)}." if shown else ""
+        self._more.content = (small_html(chosen) if chosen else "") + remark_html(listed)
+
+    def _turn(self, step: int) -> None:
+        last = max(0, (len(self._entries) - 1) // LISTED * LISTED)
+        self._first = min(max(0, self._first + step * LISTED), last)
+        self._fill()
+
+    def _choose(self, at: int) -> None:
+        number, page = self._first + at, self._page
+        if number >= len(self._entries):
+            return
+        self._chosen, entry = number, self._entries[number]
+        self._fill()
+        page.finish()
+        page.select(entry.selects)
+        if self._truth is not None:
+            page.scene.show_changed(self._truth, entry.true)
+        page.viewpoints.look_at(with_margin(entry.extent_m, share=1.0, least_m=1.5))
+
+
+def doubt_entries(simap: SIMap, specks: frozenset[int]) -> list[Entry]:
+    """Return a line for each doubtful object of a map; specks are left out, for they do not count."""
+    entries = []
+    for doubt in doubts(simap, specks):
+        one = doubt.instance
+        (x0, y0, _), (x1, y1, _) = one.aabb_m
+        more = f"{one.name}: {' '.join(doubt.reasons)}"
+        entries.append(Entry(f"{one.name}: {doubt.brief}", more, one.id, (), (x0, y0, x1, y1)))
+    return entries
+
+
+def error_entry(item: Item, here: MapSide, truth: MapSide) -> Entry:
+    """Return the line of a difference between a map and the truth."""
+    names = _joined([here.names[one] for one in item.left])
+    true = plural(len(item.right), item.label)
+    titles = {
+        "merged": f"{names}: really {true}",
+        "split": f"{names}: really one {item.label}",
+        "missed": f"{item.label} missing here",
+        "extra": f"{names}: no {item.label} is there",
+        "label": f"{names}: really a {item.label}",
+        "outline": f"{names}: outline {item.iou:.0%} right",
+        "edge": f"{names}: outline {item.iou:.0%} right",
+        "small": f"{names}: nothing like it is there" if item.left else f"small {item.label} missing here",
+    }
+    means = {
+        "merged": f"{true} were joined to one object.",
+        "split": f"One {item.label} was cut into {plural(len(item.left), 'object')}.",
+        "missed": f"There is a {item.label} that the map does not have.",
+        "extra": "The map has an object where there is none of its class.",
+        "label": f"The object is a {item.label}, and the map says {item.other_label}.",
+        "outline": RIGHT,
+        "edge": RIGHT,
+        "small": "It is so small that it does not count as an error.",
+    }
+    title = titles[item.kind]
+    return Entry(title, f"{title}. {means[item.kind]}", next(iter(item.left), None), item.right, item.extent_m)
+
+
+def _joined(names: Sequence[str]) -> str:
+    return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
