@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from simaps_viz.colors.classes import CLUTTER, FLOOR, WALL, cells_of_classes, ground_kinds, plural
-from simaps_viz.colors.instances import color_of_instance, instance_colors
+from simaps_viz.colors.instances import instance_colors
 from simaps_viz.colors.naming import color_name
 from simaps_viz.colors.palette import PALETTE, Color, as_color
 from simaps_viz.drawing.texture import HEIGHT_TOP_M, STRIPE, ColorMode, class_patterns, shown_class_colors
@@ -74,7 +74,6 @@ def facts_html(simap: SIMap, instance: Instance, specks: Collection[int] = ()) -
     """Describe an instance in full: name, facts, place, size, score; ``specks`` are counted apart."""
     (x0, y0, _), (x1, y1, top) = instance.aabb_m
     x, y, _ = instance.centroid_m
-    color = color_of_instance(simap, instance.id)
     seen = simap.color_of(instance)
     rows = (
         ("Class", f"{short(instance.label)}, {_one_of(simap, instance.label, specks)}"),
@@ -91,7 +90,7 @@ def facts_html(simap: SIMap, instance: Instance, specks: Collection[int] = ()) -
     return (
         f'<div style="{BOX_STYLE}">'
         '<button class="simaps-selected" type="button" data-do="deselect" title="Select nothing (Esc)">'
-        f"{CHIP_STYLE}{chip(color)}<span>{short_html(instance.name)}</span> ✕</button>"
+        f"<span>{short_html(instance.name)}</span> ✕</button>"
         f"<div>{escape(facts_text(simap, instance))}</div>"
         f'<table style="border-spacing:0;margin-top:.3em">{table}</table></div>'
     )

@@ -67,12 +67,12 @@ def test_a_click_tells_why_and_draws_the_weakest_joint(bench, page):
 def test_the_evidence_colours_the_cells(bench, page):
     choose_chair_1(bench, page)
     wait_for_color(bench, page, WEST_HALF, instance_color(CHAIR_1))
-    page.get_by_text("Evidence", exact=True).click()
+    page.get_by_text("Colour by evidence", exact=True).click()
     wait_for_color(bench, page, WEST_HALF, RAMP[-1])  # all of its edges weigh the same
     expect(page.get_by_text("mean weight of a cell's edges inside")).to_be_attached()
     click_map(bench, page, mine(bench).simap.by_id(CHAIR_3).centroid_m[:2])
     wait_for_color(bench, page, mine(bench).simap.by_id(CHAIR_3).centroid_m[:2], RAMP[-1])
-    page.get_by_text("Evidence", exact=True).click()
+    page.get_by_text("Colour by evidence", exact=True).click()
     wait_for_color(bench, page, mine(bench).simap.by_id(CHAIR_3).centroid_m[:2], instance_color(CHAIR_3))
 
 

@@ -100,8 +100,8 @@ MIN_RESOLUTION, MAX_RESOLUTION = 0.05, 5.0
 BESIDE_FLOOR = ("Nothing was clicked", "That was beside the floor. Click a point on the map.")
 AIM_M = 0.1
 """A click so near to an object selects it: objects have holes. The page's script outlines by the same distance."""
-MAP_TAB, SELECTED_TAB = "Map", "Instance"
-"""The tabs about the map and about the selected object; the second opens in place of the first when one is selected."""
+MAP_TABS, SELECTED_TAB = "Map|Compare|Masks", "Instance"
+"""The tabs about the map, and that about the selected object, which opens in their place when one is selected."""
 ERROR_S = 12.0
 """How long an error stays on the page."""
 
@@ -234,7 +234,7 @@ class Page:
 
         Args:
             title: of the tab.
-            only_from: another tab's title: open it only where that one is open.
+            only_from: other tabs' titles, with | between them: open it only where one of them is open.
             focus: label of a control in it that gets the focus.
         """
 
@@ -268,7 +268,7 @@ class Page:
             self.picked_z_m = None
             self._show_selected(found)
         if found is not None:
-            self.reveal(SELECTED_TAB, only_from=MAP_TAB)
+            self.reveal(SELECTED_TAB, only_from=MAP_TABS)
 
     def pick_in_space(self, place: tuple[float, float, float] | None) -> None:
         """Select what is at a place in space, map frame, metres, also below other things."""
@@ -278,7 +278,7 @@ class Page:
             self.picked_z_m = None if found is None or place is None else place[2]
             self._show_selected(found)
         if found is not None:
-            self.reveal(SELECTED_TAB, only_from=MAP_TAB)
+            self.reveal(SELECTED_TAB, only_from=MAP_TABS)
 
     def _instance_near(self, place: tuple[float, float, float]) -> Instance | None:
         number = instance_near(self.simap, place) if has_voxels(self.simap) else None

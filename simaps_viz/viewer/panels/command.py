@@ -721,7 +721,7 @@ class CommandPanel(Panel):
         if answer.answer is not None and not answer.goals:
             self._show_typed("", "A question: Go answers it.")
         else:
-            self._show_typed("Go does this", outcome_text(answer), why)
+            self._show_typed("Go does this", outcome_text(answer), (*why, *answer.notes))
 
     def _end_typing(self) -> None:
         if self._typing is not None:

@@ -7,6 +7,7 @@ from html import escape
 from typing import Any
 
 import numpy as np
+import viser
 from numpy.typing import NDArray
 
 from simaps_viz.colors.classes import plural
@@ -19,9 +20,9 @@ from simaps_viz.language.commands import read_command
 from simaps_viz.mapping.in_space import all_instances
 from simaps_viz.structures import Instance, SIMap
 from simaps_viz.viewer.page.page import Page
-from simaps_viz.viewer.page.panel import Panel, button_row, by_person
+from simaps_viz.viewer.page.panel import Panel, button, button_row, by_person
 from simaps_viz.viewer.panels.command import CommandPanel
-from simaps_viz.viewer.panels.map import specks_on
+from simaps_viz.viewer.panels.map import FINISH, specks_on
 
 FIND = "Find"
 FIND_HINT = (
@@ -248,6 +249,8 @@ class InstancePanel(Panel):
         self._text = gui.add_html(HELP)
         self._why = gui.add_html("", visible=False)
         self._views = FrameGallery(page)
+        icon = viser.Icon.PLAYER_TRACK_NEXT
+        self._finish = button(gui, FINISH, page.finish, icon=icon, color="gray", visible=False)
         self._note = gui.add_html("", visible=False)
         self.map_changed(page.simap)
 
@@ -261,6 +264,12 @@ class InstancePanel(Panel):
         self._list.options = (NOTHING, *names)
         if chosen in names:
             self._list.value = chosen
+
+    def time_changed(self, frame: int, step: int | None) -> None:
+        """Offer a way back from an earlier frame."""
+        past = frame < self._page.last_frame or step is not None
+        if self._finish.visible != past:
+            self._finish.visible = past
 
     def selection_changed(self, instance_id: int | None) -> None:
         """Describe the selected instance, or how to select one; its pictures follow once they are read."""

@@ -77,6 +77,10 @@ class MapPanel(Panel):
     _in_space = False
     _changed: tuple[Change, ...] = ()
     """What a moved slider changed, the largest first."""
+    _held = False
+    """Whether a slider's thumb is held."""
+    _said = ""
+    """What is counted on the map."""
     _looked = 0
     """Which of it is looked at, counted from 1."""
 
@@ -119,11 +123,12 @@ class MapPanel(Panel):
         )
         for slider in (self._k, self._resolution):
             by_person(slider, self._cut)
-        self._change = gui.add_html("", visible=False)
-        self._step = button(gui, "", self._show_next, color="gray", visible=False, hint=STEP_HINT)
+        # What has always one height comes first, so that nothing slides away from under the pointer.
         self._peek = button(gui, BEFORE, self.peek, color="gray", visible=False, hint=BEFORE_HINT)
         icon = viser.Icon.ARROW_BACK_UP
         self._reset = button(gui, "Reset", self.reset, icon=icon, color="gray", visible=False)
+        self._step = button(gui, "", self._show_next, color="gray", visible=False, hint=STEP_HINT)
+        self._change = gui.add_html("", visible=False)
         self._legend = gui.add_html("")
         self._was: tuple[SIMap, Cut] | None = None
         """The map before the sliders were moved, and how it was cut; while that is looked at, the one after."""
@@ -292,6 +297,8 @@ class MapPanel(Panel):
         if style.lit is None and (shown is not None or faded):
             lit = simap.of_class(shown) if shown is not None else simap.instances
             style = replace(style, lit=frozenset(one.id for one in lit if one.label == shown or one.label not in faded))
+        elif style.lit is not None and shown is not None:  # the class stays shown beside the selected one
+            style = replace(style, lit=style.lit | {one.id for one in simap.of_class(shown)})
         style = replace(style, mode=self.mode, tint=self._tint.value / 100.0)
         faint = self.specks(simap) - (style.lit or frozenset())
         if not faint or self.mode not in ("instance", "class"):
@@ -310,7 +317,9 @@ class MapPanel(Panel):
         return without(simap, self.specks(simap))
 
     def told(self, event: dict[str, Any]) -> None:
-        """Show a class of the legend alone, or all again; or fade it, or show it again."""
+        """Show a class of the legend alone, or all again; or fade it, or show it again; take or let go a slider."""
+        if event.get("type") == "drag":
+            self._hold(event.get("on") is True)
         name = event.get("name")
         if event.get("type") != "class" or name not in self._class.options:
             return
@@ -320,6 +329,13 @@ class MapPanel(Panel):
         else:
             self._class.value = EVERY_CLASS if name == self._class.value else name
 
+    def _hold(self, held: bool) -> None:
+        """Note that a slider is held, however long: what it changes is compared with where its drag began."""
+        now = time.monotonic()
+        if held and now - self._moved_s > DRAG_S:  # otherwise its first move came before this
+            self._from = self._shown, self._shown_cut
+        self._held, self._moved_s = held, now
+
     def painted(self, simap: SIMap, snapshot: Snapshot) -> None:
         """Describe the painted map, with a badge unless it is the finished one."""
         if self._busy and self._moved_s > -np.inf:
@@ -327,7 +343,7 @@ class MapPanel(Panel):
         self._busy = False
         specks = frozenset() if snapshot.badge else self.specks(simap)
         counted = without(simap, specks)
-        self._counts.content = counts_html(simap, specks)
+        self._said, self._counts.content = counts_words(simap, specks), counts_html(simap, specks)
         self._show_rooms(simap)
         self._offer_tint()
         for widget in (self._k, self._resolution, self._reset):
@@ -385,12 +401,12 @@ class MapPanel(Panel):
     def _cut(self, *, drag: bool = True, peeking: bool = False) -> None:
         """Cut the map anew; ``drag`` counts moves that follow at once as one."""
         now, self._peeking = time.monotonic(), peeking
-        if not drag or now - self._moved_s > DRAG_S:
+        if not drag or (not self._held and now - self._moved_s > DRAG_S):
             self._from = self._shown, self._shown_cut
         self._moved_s = now if drag else -np.inf
         if not self._busy:
             self._busy, self._counts_before = True, str(self._counts.content)
-            self._counts.content = _line("Cutting the map anew …")
+            self._counts.content = _line("Cutting the map anew …", over=self._said)
         self._page.cut_map(self.percent, self.resolution)
 
 
@@ -416,10 +432,15 @@ def without(simap: SIMap, ids: Collection[int]) -> SIMap:
 
 
 def counts_html(simap: SIMap, specks: Collection[int]) -> str:
-    """Set the number of objects of each class in a line; specks, and what lies below others, are counted apart."""
+    """Set `counts_words` in a line."""
+    return _line(counts_words(simap, specks))
+
+
+def counts_words(simap: SIMap, specks: Collection[int]) -> str:
+    """Return the number of objects of each class; specks, and what lies below others, are counted apart."""
     faint = f" · {plural(len(specks), 'speck')}, seen too little to count" if specks else ""
     below = f" · {plural(len(simap.hidden), 'object')} below others" if simap.hidden else ""
-    return _line(counts_text(without(simap, specks)) + faint + below)
+    return counts_text(without(simap, specks)) + faint + below
 
 
 def changes_between(before: SIMap, after: SIMap) -> tuple[tuple[Change, ...], tuple[Change, ...]]:
@@ -526,11 +547,14 @@ def origin_html(simap: SIMap) -> str:
     )
 
 
-def _line(text: str) -> str:
+def _line(text: str, over: str = "") -> str:
+    """Set a text in a line; ``over`` is what it replaces for a while, whose height it keeps."""
+    kept = f'<div style="visibility:hidden">{escape(over)}</div>' if over else ""
+    place = f'<div style="position:absolute">{escape(text)}</div>{kept}' if over else escape(text)
     return (
         '<div role="status" style="padding:.2em .8em .4em;font-size:.88em;font-weight:600;line-height:1.4;'
         'overflow-wrap:anywhere;white-space:pre-line">'
-        f"{escape(text)}</div>"
+        f"{place}</div>"
     )
 
 

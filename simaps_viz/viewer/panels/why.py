@@ -246,7 +246,7 @@ class WhyPanel(Panel):
         )
         self._lines_legend = gui.add_html("")
         self._color = gui.add_checkbox(
-            "Evidence", False, hint="Colour the object's cells by how sure the map is that they belong."
+            "Colour by evidence", False, hint="Colour the object's cells by how sure the map is that they belong."
         )
         self._color_legend = gui.add_html("", visible=False)
         for box in (self._lines, self._color):

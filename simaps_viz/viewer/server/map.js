@@ -222,7 +222,7 @@
       if (one.id === state.selected || !shows(one.label) || texted.has(one.id)) continue;
       const wide = (one.east - one.west) * px, high = (one.north - one.south) * px;
       if (high < 13 || wide < 13) continue;
-      const text = [one.name, one.label].find((words) => widthOf(words) <= 1.6 * wide);
+      const text = [[one.name, 2.2], [one.label, 1.6]].filter(([words, most]) => widthOf(words) <= most * wide).map(([words]) => words)[0];
       if (!text) continue;
       const half = widthOf(text) / 2 + GAP, [x, y] = at(toScreen, ...cellToMap(one.x, one.y));
       const box = [x - half, y - LINE / 2, x + half, y + LINE / 2];
@@ -379,11 +379,16 @@
   const point = (event) => {
     const button = event.target.closest && event.target.closest('button');
     const on = Number(((button && button.textContent.match(/^Step (\d{1,8}):/)) || [0, 0])[1]);
-    if (on !== step) tell({ type: 'step', number: step = on });
+    if (on !== step && event.pointerType !== 'touch') tell({ type: 'step', number: step = on });
     const entry = entryOf(event), label = entry ? entry.dataset.class : null, square = oneOf(event);
     if (square) event.target.title = square.facts;
     if (label !== pointed || chosen !== square) { pointed = label; chosen = square; changed = true; }
   };
+  let heldSlider = false;  // what a slider changes is compared with where its drag began, however long it is held
+  for (const kind of ['pointerdown', 'pointerup', 'pointercancel']) window.addEventListener(kind, (event) => {
+    const on = kind === 'pointerdown' && Boolean(event.target.closest && event.target.closest('.mantine-Slider-root'));
+    if (on !== heldSlider) tell({ type: 'drag', on: heldSlider = on });
+  }, true);
   window.addEventListener('pointerover', point, true);
   window.addEventListener('focusin', point, true);
   window.addEventListener('click', (event) => {

@@ -91,8 +91,8 @@
     if (anew && told.dataset.focus) toBox(told.dataset.focus, told.dataset.simapsTab, 30);
     if (anew && (tab || told.dataset.focus)) turned = told.dataset.turn;
     if (!tab || told.dataset.focus) return;
-    const from = told.dataset.from && titled(told.dataset.from);
-    if (isOpen(tab) || (from && !isOpen(from))) return;
+    const from = told.dataset.from.split('|').map(titled).filter(Boolean);
+    if (isOpen(tab) || (from.length && !from.some(isOpen))) return;
     press(tab);
     tab.scrollIntoView({ block: 'nearest' });
   };
@@ -105,6 +105,8 @@
     for (const row of document.querySelectorAll('[data-dock-strip], .mantine-Tabs-list')) {
       const all = [...row.querySelectorAll(':scope > [role=tab]')], words = all.map(titleOf).join(), wide = row.clientWidth;
       if (!wide || row.dataset.fits === `${words} ${wide}`) continue;
+      for (let one = row.parentElement; one && !['scroll', 'auto'].includes(getComputedStyle(one).overflowY); one = one.parentElement)
+        if (getComputedStyle(one).overflowY === 'hidden' && row.role === 'tablist') one.style.overflowY = 'clip';  // or it would scroll away
       for (const one of all) { delete one.dataset.bare; one.title = SAYS[titleOf(one)] || titleOf(one); }
       const ends = () => all[all.length - 1].getBoundingClientRect().right - row.getBoundingClientRect().left + row.scrollLeft;
       for (let i = all.length - 1; i > 0 && ends() > wide + 1; i--) all[i].dataset.bare = '';
