@@ -96,7 +96,7 @@ def open_workbench(
     path = recording if map_path is None else map_path
     services = replace(
         services_of(simap, recording, lambda: mending),
-        panels=panels_of(simap, mending, truth=truth_beside(path)),
+        panels=panels_of(simap, mending, truth=None if path is None else truth_beside(path)),
         model=language_model(llm),
         judging=judging,
         look_back=look_back(lambda: path),
@@ -189,9 +189,9 @@ def services_of(
     )
 
 
-def truth_beside(path: Path | None) -> Path | None:
+def truth_beside(path: Path) -> Path:
     """Return where the truth of a map lies, if anywhere: cafe-truth.npz beside cafe.npz."""
-    return None if path is None else path.with_name(f"{path.stem}-truth.npz")
+    return path.with_name(f"{path.stem}-truth.npz")
 
 
 def panels_of(
