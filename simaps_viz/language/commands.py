@@ -2,15 +2,16 @@
 
 import keyword
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import islice
 from typing import Final
 
 from simaps_viz.errors import CommandError
 from simaps_viz.language.grammar import Chart
-from simaps_viz.language.nouns import IT, LAST, ONE, SAME, THAT, Phrase, quoted, select
+from simaps_viz.language.nouns import ALL, IT, LAST, ONE, SAME, THAT, Phrase, quoted, select
 from simaps_viz.language.orders import EVERYTHING, GRAMMAR, Choose, Do, Repeat, Steps
 from simaps_viz.language.primitives import FUNCTIONS, SELF
 from simaps_viz.language.program import ProgramError, parse_program
@@ -47,6 +48,16 @@ _DONE: Final = frozenset(
 """Tokens of what is done: a clause that has one of them is no heading."""
 _DRIVEN: Final = frozenset(["GO", "APPROACH", "TURN", "FACE", "CIRCLE", "PASS", "RETURN", "TAKE", "LEAVE"])
 """Tokens of orders: a clause that has one of them is no mere wish."""
+_ORDERED: Final = _DRIVEN | {
+    "LOOK", "SPIN", "STAND", "HALT", "BACKUP", "STRAFE", "MAKE", "KEEP", "COUNT", "LIST", "AVOID", "NEVER", "NOT",
+    "HANDS", "NOWAIT", "IF", "UNLESS", "UNTIL", "TO", "HOWMANY", "WHERE", "EXISTONLY", "ONLY", "EXCEPT", "NEITHER",
+    "WITHOUT",
+}  # fmt: skip
+"""Tokens with which orders, questions and limits begin."""
+_SIGH: Final = re.compile(r"(?:me )?(?:, )?(?:my|our|what an?|such an?)\b")
+"""How talk begins in which each word is known: "dear me, my back"."""
+_PLACING: Final = frozenset(["NEAR", "ON", "IN", "AT", "BY", "UNDER", "BEHIND", "BETWEEN", "FRONT", "OPPOSITE"])
+_JOINING: Final = frozenset({",", ";", ":", "and", "then", "so", "but", "or"})
 _OPENS: Final = frozenset(["TO", "TOWARD", "NEAR", "AT", "IN", "ON", "BY", "FOR", "FROM", "AND", "THEN"])
 _DETERMINERS: Final = frozenset(["DET", "INDEF", "EVERY"])
 _LOST: Final = frozenset(["left", "lost", "put", "forgot", "forgotten", "dropped", "misplaced"])
@@ -87,27 +98,31 @@ def read_command(text: str, labels: Sequence[str] | Mapping[str, int]) -> Readin
     if _AGAIN_AND_AGAIN.search(text):
         raise CommandError("the same number is said again and again")
     vocabulary = Vocabulary(labels)
-    try:
-        reading = _understood(text, vocabulary)
-        for aside in _without_asides(text, vocabulary) if "search(" in reading.program else ():
-            with suppress(CommandError):  # "I want toast, go to the toaster": the map has no toast
-                other = aside.rest(vocabulary)
-                if "search(" not in other.program:
-                    return other
-        for guess in (_need, _there) if "search(" in reading.program else ():
-            with suppress(CommandError):  # "my lunch is in the fridge, let us go"
-                return guess(text, vocabulary)
-        return reading
-    except CommandError as error:
-        for aside in _without_asides(text, vocabulary):
-            with suppress(CommandError):
-                return aside.rest(vocabulary)
-        for guess in (_need, _there):
-            with suppress(CommandError):
-                return guess(text, vocabulary)
-        suggested = instead(text, labels) or examples(labels)
-        said = str(error) if str(error).endswith(("?", ".")) else f"{error}."
-        raise CommandError(f"{said} Try: {', '.join(map(quoted, suggested))}.", suggestions=suggested) from None
+    found: list[Reading] = []
+    refusal: CommandError | None = None
+    for read in _ways_to_read(text, vocabulary):
+        try:
+            found.append(read())
+        except CommandError as error:
+            refusal = refusal or error
+        else:
+            # "I want toast, go to the toaster": the map has no toast
+            if "search(" not in found[-1].program:
+                return found[-1]
+    if found:
+        return found[0]
+    suggested = instead(text, labels) or examples(labels)
+    said = str(refusal) if str(refusal).endswith(("?", ".")) else f"{refusal}."
+    raise CommandError(f"{said} Try: {', '.join(map(quoted, suggested))}.", suggestions=suggested)
+
+
+def _ways_to_read(text: str, vocabulary: Vocabulary) -> Iterator[Callable[[], Reading]]:
+    """Return what reads a text to the last word, then without asides, then by what is needed or where it is."""
+    yield lambda: _understood(text, vocabulary)
+    for aside in _without_asides(text, vocabulary):
+        yield partial(aside.rest, vocabulary)
+    for guess in (_need, _there):
+        yield partial(guess, text, vocabulary)
 
 
 _LACKING: Final = re.compile(
@@ -132,35 +147,45 @@ _WHERE: Final = re.compile(
 _ASKED: Final = re.compile(
     r"\W*(?!.*\b(?:find|see|seen)\b)(?:(?:so|and|but|then) )*(?:where (?:can|could|do|does|should|may|might|would|to)|"
     r"where is (?:the |a )?(?:machine|place|thing|spot)|which way|(?:is|are) there (?:any|some)(?:thing|where)|"
-    r"what (?:can|could|should) (?:i|we)|(?:can|could|may) (?:i|we)|any(?:thing|where)|some(?:thing|where))\b"
+    r"what (?:can|could|should) (?:i|we)|(?:can|could|may) (?:i|we)|(?:any|some)(?:thing|where)|where(?=\W*$)|"
+    r"(?:(?:an?|the|any|good|best) )*(?:place|spot) (?:for|to|where|i|we))\b"
 )
 """A clause that asks where that is done: "where can I heat it?", "is there something I could put them up on?"."""
+
+
+_SENT: Final = re.compile(
+    r"\W*(?:(?:so|and|then|please|now) )*(?:take|bring|lead|drive|guide|show|walk|go|point|help) (?:me |us |it |this |"
+    r"them )?(?:over )?(?:to )?(?:(?:some(?:where|thing)|anywhere|where(?:ver)?|whatever)\b(?! (?:you|it|the|my)\b)"
+    r"|(?:an?|the|some) (?:\w+ )?(?:place|spot|thing) (?:to|where|i|we|for|that|which)\b)"
+)
+"""A clause that sends the robot to where something can be done: "take me somewhere I can heat it"."""
 
 
 def _need(text: str, vocabulary: Vocabulary) -> Reading:
     """Read what somebody needs by what is spoken of: "my shirt is filthy, take me to where I can wash it"."""
     said = [clause for clause in clauses(plainly(text)) if re.search(r"\w", clause)]
     asked = [clause for clause in said if _ASKED.match(clause) and text.rstrip().endswith("?")]
-    wishes = [clause for clause in said if not _LED.match(clause) and clause not in asked]
+    sent = [clause for clause in said if _SENT.match(clause) and not _LED.match(clause)]
+    wishes = [clause for clause in said if not _LED.match(clause) and clause not in (*asked, *sent)]
     more = all(re.match(r"\W*(?:(?:and|so|but) )*(?:they|it|i|we|must)\b", clause) for clause in wishes[1:])
     # "the baby kept me up all night, I want to lie down": what is told before the wish says why
     told = len(wishes) > 1 and is_statement(wishes[0], names_things=False)
     lacking = (wishes and _LACKING.match(wishes[0])) or (told and _LACKING.match(wishes[-1]))
-    spoken = " ".join([*wishes, *asked])
+    spoken, meant = " ".join([*wishes, *asked, *sent]), " ".join([*asked, *sent])
     if (
-        not (asked or (wishes and more and lacking))
+        not (asked or sent or (wishes and more and lacking))
         or re.search(r"\b(?:not|never|n['’]t|if|unless)\b", spoken)
-        or re.search(r"\?|\byou\b", " ".join(wishes))
-        or any(_names_known(read_words(clause, vocabulary)) for clause in asked)
+        or re.search(r"\?|\byou\b", " ".join(wish for wish in wishes if not wish.startswith("so ")))
+        or any(_names_known(read_words(clause, vocabulary)) for clause in (*asked, *sent))
     ):
         raise CommandError("")
-    kind = next((kind for kind, pattern in LACKS.items() if pattern.search(" ".join(asked))), "")
+    kind = next((kind for kind, pattern in LACKS.items() if pattern.search(meant)), "")
     kind = kind or next((kind for kind, pattern in LACKS.items() if pattern.search(spoken)), "")
     noun = vocabulary.noun(kind) if kind else None
     if noun is None or not noun.known or noun.count == 0:
         raise CommandError("")
     place = select(noun, ())
-    if asked:  # a question moves nothing
+    if asked and not sent:  # a question moves nothing
         step = Do(('tell({0.text}, "where")',), (replace(place, text=place.single, many=False),))
     else:
         step = Do(("robot.move_to_{0.goal}",), (place,))
@@ -171,7 +196,7 @@ def _need(text: str, vocabulary: Vocabulary) -> Reading:
 def _names_known(sentence: Sentence) -> bool:
     """Whether a sentence names a thing of the map."""
     named = (edge.value for here in sentence.edges for edge in here if edge.kind in ("NOUN", "NOUNS"))
-    return any(noun.known and noun.label not in ("person", "thing") for noun in named)
+    return any(n.known and n.label not in ("person", "thing") and not n.label.startswith("place") for n in named)
 
 
 def _there(text: str, vocabulary: Vocabulary) -> Reading:
@@ -314,6 +339,10 @@ def _without_asides(text: str, vocabulary: Vocabulary) -> Iterator[_Aside]:
     if at and any(edge.kind in ("GO", "TURN", "SPIN") for edge in sentence.edges[at]):  # "hihi spin round"
         said = " ".join(sentence.words[:at])
         yield _Aside(" ".join(sentence.words[at:]), (said,))
+    said = re.split(r"(?<=[.!?])\s+", plain)
+    sentences = [read_words(one, vocabulary) for one in said]
+    told = [_is_told(one, sentence) for one, sentence in zip(said, sentences, strict=True)]
+    yield from _without(said, sentences, told, vocabulary)
     for purposes in (False, re.search(r"\b(?:i|me|we|us)\b", plain) is not None):
         said = list(clauses(plain, purposes=purposes))
         sentences = [read_words(clause, vocabulary) for clause in said]
@@ -321,7 +350,8 @@ def _without_asides(text: str, vocabulary: Vocabulary) -> Iterator[_Aside]:
         for clause, sentence in zip(said, sentences, strict=True):
             names_things = any(edge.kind in _NAMES for here in sentence.edges for edge in here)
             talk.append(is_reason(clause) or _is_talk(sentence) or (purposes and _is_purpose(sentence)))
-            stated.append(talk[-1] or is_statement(clause, names_things=names_things))
+            joined = re.match(r"\W*(?:and |but )?then\b", clause) and len(talk) > 1
+            stated.append(talk[-1] or (not joined and is_statement(clause, names_things=names_things)))
         # At last what somebody wants goes, where what is to be done for it follows.
         wished = [
             out
@@ -333,30 +363,77 @@ def _without_asides(text: str, vocabulary: Vocabulary) -> Iterator[_Aside]:
         there = [any(edge.kind == "EXIST" for here in sent.edges[:2] for edge in here) for sent in sentences]
         less = [out or (one and not is_there) for out, one, is_there in zip(talk, stated, there, strict=True)]
         for dropped in (talk, less, stated, *(() if purposes else (wished,))):
-            kept = [clause for clause, out in zip(said, dropped, strict=True) if not out]
-            if (
-                any(dropped)
-                and any(clause.strip() for clause in kept)
-                and not _tells_which(said, sentences, dropped, vocabulary)
-            ):
-                left_out = [at for at, out in enumerate(dropped) if out and sentences[at].words]
-                brief = tuple(said[at].strip(" ,.;:!") for at in left_out)
-                clauses_out = tuple(sentences[at] for at in left_out)
-                named = next((found for clause in clauses_out if (found := _first_named(clause))), None)
-                yield _Aside("".join(kept), brief, clauses_out, named)
+            yield from _without(said, sentences, dropped, vocabulary)
 
 
-def _tells_which(
+def _without(
     said: Sequence[str], sentences: Sequence[Sentence], dropped: Sequence[bool], vocabulary: Vocabulary
-) -> bool:
-    """Whether what would be left out tells which of several things of a name is meant: it is named in the rest too."""
-    names: tuple[set[str], set[str]] = (set(), set())
-    for out, clause, sentence in zip(dropped, said, sentences, strict=True):
-        if out and is_wish(clause):
+) -> Iterator[_Aside]:
+    """Return what is left of a text, if anything is left out and anything is left."""
+    torn = any(
+        out and clause.endswith(",") and not {edge.kind for edge in after.edges[0]}.isdisjoint(_PLACING)
+        for clause, out, after, kept in zip(said, dropped, sentences[1:], dropped[1:], strict=False)
+        if not kept
+    )  # "the backpack was on the floor, near the table" is one thing told
+    left = _carried(said, sentences, dropped, vocabulary) if any(dropped) and not torn else None
+    if left and left.strip():
+        left_out = [at for at, out in enumerate(dropped) if out and sentences[at].words]
+        brief = tuple(said[at].strip(" ,.;:!") for at in left_out)
+        clauses_out = tuple(sentences[at] for at in left_out)
+        named = next((found for clause in clauses_out if (found := _first_named(clause))), None)
+        yield _Aside(left, brief, clauses_out, named)
+
+
+def _is_told(said: str, sentence: Sentence) -> bool:
+    """Whether a whole sentence only tells something: no part of it begins as an order, a question or a limit does."""
+    if said.rstrip().endswith("?") or not sentence.words:
+        return False
+    names_things = any(edge.kind in _NAMES for here in sentence.edges for edge in here)
+    stated = is_statement(said, names_things=names_things)
+    starts = [at + 1 for at, word in enumerate(sentence.words[:-1]) if word in _JOINING]
+    opens = {edge.kind for at in (*starts, *([] if stated else [0])) for edge in sentence.edges[at]}
+    talk = _is_talk(sentence) or (not names_things and _SIGH.match(" ".join(sentence.words)))
+    return opens.isdisjoint(_ORDERED) and bool(talk or stated)
+
+
+def _carried(
+    said: Sequence[str], sentences: Sequence[Sentence], dropped: Sequence[bool], vocabulary: Vocabulary
+) -> str | None:
+    """Return what is left of a text, in which "the chair" is the one that what is left out told of.
+
+    None where several of that name were told of, or it was not told which one.
+    """
+    clauses_of = [*zip(said, sentences, dropped, strict=True)]
+    told: dict[str, dict[str, bool]] = {}
+    for clause, sentence, out in clauses_of:
+        for label, spoken, is_bare in _named_in(sentence) if out and not is_wish(clause) else ():
+            told.setdefault(label, {})[spoken] = is_bare
+    left = ""
+    for clause, sentence, out in clauses_of:
+        here = "" if out else f"{clause} "
+        for label, spoken, is_bare in () if out else _named_in(sentence):
+            if label in told and is_bare and vocabulary.count(label) != 1:
+                if len(told[label]) > 1 or any(told[label].values()) or spoken.split()[0] in ("a", "an", "any"):
+                    return None
+                here = re.sub(rf"\b{re.escape(spoken)}\b", next(iter(told[label])), here)
+        left += here
+    return left
+
+
+def _named_in(sentence: Sentence) -> Iterator[tuple[str, str, bool]]:
+    """Return the class of each single thing that is named, the words for it, and whether these do not say which."""
+    chart, noun_at = Chart(GRAMMAR, sentence.edges), -1
+    for at, edges in enumerate(sentence.edges[:-1]):
+        kinds = {edge.kind for edge in edges}
+        if at <= noun_at or kinds.isdisjoint(("NOUN", "THAT", "ONE", *_DETERMINERS)):
             continue
-        nouns = [edge.value for here in sentence.edges for edge in here if edge.kind == "NOUN"]
-        names[out].update(noun.label for noun in nouns if isinstance(noun, Noun) and noun.known)
-    return any((vocabulary.count(label) or 0) > 1 for label in names[False] & names[True])
+        ends = [one for one in chart.parse("thing", at) if ALL.search(one.value.base) and not one.value.many]
+        if ends:
+            one = max(ends, key=lambda one: one.end)
+            nouns = (i for i in range(at, one.end) if any(edge.kind == "NOUN" for edge in sentence.edges[i]))
+            noun_at = next(nouns, at)
+            is_bare = ALL.fullmatch(one.value.text) or "only(" in one.value.text or THAT.match(one.value.text)
+            yield one.value.base[8:-2], " ".join(sentence.words[at : one.end]), bool(is_bare)
 
 
 def _is_talk(sentence: Sentence) -> bool:

@@ -662,9 +662,9 @@ def _swept_by(key: str) -> Parts:
     return (Part("then", key),)
 
 
-@_rule("relation", "COMMA? key:SORTEDBY np COMMA? (ASCENDING | last:DESCENDING)?", cost=-0.4)
-def _sorted_from(np: Phrase, key: str, last: str = "") -> Parts:
-    return (Part("then", "far" if last else key, np.measure, phrase=np),)
+@_rule("relation", "COMMA? key:SORTEDBY (np | HERE) COMMA? (ASCENDING | last:DESCENDING)?", cost=-0.4)
+def _sorted_from(key: str, np: Phrase | None = None, last: str = "") -> Parts:
+    return (Part("then", "far" if last else key, np.measure if np else "", phrase=np),)
 
 
 @_rule(

@@ -176,7 +176,7 @@ _words("_aim", "(WHERE | DET? ONE THAT?) HERE? (GO | NEED)+ (_prep | GO)* THEN? 
     "order",
     "_goer EITHER? _prep+ (_place _prep*)? WHERE? targets IS? | BACK _prep+ targets | APPROACH (_prep | STOP)* targets "
     "| (_goer | APPROACH) WHERE targets IS+ | targets (COMMA | STOP)+ GO | NEED TO? targets | _prep+ targets HERE? "
-    "(GO | STAND) | !(ON | IN | AT) _prep+ targets | (GO | TAKE) targets:there | (targets "
+    "(GO | STAND) | !(ON | IN | AT) _prep+ targets | (GO | TAKE) TO? targets:there | (targets "
     "| targets:there) COMMA? IS _aim | "
     "DET* GOAL (IS | COMMA | STOP)* targets",
 )
@@ -190,6 +190,12 @@ def _go_to(targets: tuple[Phrase, ...]) -> Steps:
 def _likewise(targets: tuple[Phrase, ...]) -> Steps:
     """Read "look at the sofa and then at the table", "turn to the sofa, then to the table": the verb of the first."""
     return _each("", targets, "")
+
+
+@_rule("question", "place:PLACE &ASKED", cost=-0.05)
+def _where_to(place: Noun) -> Steps:
+    """Read "where can I wash my hands?", which moves nothing."""
+    return _told(select(place, ()), "where")
 
 
 @_rule("order", "verb:GO DET? noun", cost=0.3)
@@ -778,7 +784,7 @@ def _how_many(np: Phrase, post: Sequence[Parts] = ()) -> Steps:
     return _told(refine(np, [part for parts in post for part in parts]), "count")
 
 
-@_rule("question", "relation COMMA? HOWMANY np (IS | EXIST | HERE)*", cost=-0.2)
+@_rule("question", "relation COMMA? HOWMANY np (IS | EXIST | HERE | WITH)*", cost=-0.2)
 def _how_many_there(relation: Parts, np: Phrase) -> Steps:
     """Read "in the kitchen how many windows are there?"."""
     return _told(refine(np, relation), "count")
@@ -1397,7 +1403,7 @@ def _room_has(room: Phrase, np: Phrase) -> Condition:
     return "count({0.text}) > 0", (_changed(np, inside, np.notes + room.notes, many=False),)
 
 
-@_rule("condition", "EXIST np EITHER?", "np EXIST")
+@_rule("condition", "EXIST np (ANYWHERE | HERE | EITHER | _in_map)*", "np EXIST")
 def _exists(np: Phrase) -> Condition:
     np = _changed(np, np.whole or np.text)
     return "count({0.text}) > 0", (replace(np, many=False),)
@@ -1762,6 +1768,16 @@ def _of_declared(topic: Phrase, b: Steps = (), aside: Steps = ()) -> Steps:
     refers = isinstance(step := (b or aside)[0], Do | Choose) and any("‹" in one.text for one in step.phrases)
     if refers != bool(b):
         raise CommandError("")
+    # "The bench in the office is new. Go to the bench": that one.
+    told = _changed(topic, topic.text)
+    aside = tuple(
+        replace(
+            one, phrases=tuple(told if p.text == topic.base != topic.text and not p.any else p for p in one.phrases)
+        )
+        if isinstance(one, Do)
+        else one
+        for one in aside
+    )
     return (Do((), (replace(topic, base=topic.whole or topic.text),)), *(b or aside))
 
 
@@ -1789,13 +1805,18 @@ def _of_topic(topic: Phrase, b: Steps, named: Phrase | None = None, struck: str 
 
 @_rule(
     "logical",
-    "NOT topic:np ((COMMA | AND | STOP)+ NOT more:np)* (COMMA | AND | STOP | EXCEPT | THEN)+ b:done",
+    "NOT topic:np ((COMMA | AND | STOP)+ NOT more:np)* ((COMMA | AND | STOP | EXCEPT | THEN)+ | &_verb) b:done",
     cost=0.3,
 )
 def _not_but(b: Steps, topic: Phrase, more: Sequence[Phrase] = ()) -> Steps:
     """Read "not the near chair, the other one", "not the lamp on the desk, not the one by the bed. The last one."."""
-    if topic.greedy or LAST in topic.text or any(one.base != ONE for one in more):
+    it = any(IT in phrase.text for step in b[:1] if not isinstance(step, Repeat) for phrase in step.phrases)
+    if it or topic.greedy or LAST in topic.text or any(one.base != ONE for one in more):
         raise CommandError("")
+    if not more and topic.base not in (ONE, "rooms()") and all(isinstance(one, Do) for one in b):
+        named = [phrase.base for one in b if isinstance(one, Do) for phrase in one.phrases]
+        if named and not {ONE, SAME, topic.base} & {*named}:  # "not the sofa, the table"
+            return b
     for one in more:
         topic = replace(topic, base=f"minus({topic.base}, {one.text.replace(ONE, topic.base)})")
     return _taken_from(b, topic, replace(topic, base=f"minus({topic.base}, {topic.single})"))
@@ -1947,6 +1968,8 @@ def _instead(b: Steps, items: Steps = (), said: str = "") -> Steps:
     if said and not (said in ("instead", "rather") or (items and said.startswith(("i ", "we ")))):
         raise CommandError("")  # "go to the sofa, no": what else was not said
     last, first = items[-1] if items else None, b[0]
+    if first == _halt()[0]:  # "no, stay here" takes back all that was said
+        return b
     if isinstance(last, Do) and last.phrases and isinstance(first, Do) and first.phrases:
         # "the glass on the counter, no wait, the one on the table", "... the one left of it"
         struck = last.phrases[0]

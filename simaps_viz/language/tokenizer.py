@@ -70,15 +70,17 @@ _SUBJECT: Final = (
     r"he|she|they|it|this|that|there|here|some(?:body|one|thing)|every(?:body|one)|people|my|our|his|her|their|the|"
     r"an?|some|these|those|all|your eyes|you (?:are|were|have been|look|seem)"
 )
+_PAST_VERBS: Final = (
+    r"said|told|left|lost|came|went|forgot|put|fell|hid|sat|slept|stood|took|threw|bought|brought|broke|thought|knew|"
+    r"met|made|saw|gave|got|found|kept|ate|drank|wrote|ran|hung|meant|sold|spilt|\w{2,}ed"
+)
 _STATEMENT: Final = re.compile(
     r"^\W*(?:(?:and|but|so|well|oh|now|then|look|see|right|as|since|honestly|you know)\s+)*(?:"
     r"(?:i|we)\s+(?:\w+ly\s+|just\s+|also\s+)*"
-    r"(?!want|need|would|like|wish|should|must|mean|meant|can\b(?!['’]t|not)|could|go\b|visit|see\b|"
+    r"(?!want|need|would|like|wish|should|must|mean|meant|can\b(?!['’]t|not)|could\b(?!n['’]?t| not)|go\b|visit|see\b|"
     r"(?:am|are) (?:looking|searching|after))\w+"
-    rf"|(?:{_SUBJECT})\b.*\b(?:is|are|was|were|am|has|have|had|been|wants?|needs?|looks?|seems?|smells?|said|says|"
-    r"told|hurts?|aches?|feels?|asked|will|can|could|did|does|left|lost|came|went|forgot|put|dropped|fell|hid|sat|"
-    r"slept|stood|took|threw|bought|brought|broke|thought|knew|met|made|saw|gave|got|found|kept|ate|drank|wrote|ran|"
-    rf"hung|meant|sold|spilt|{_NOT}|\w{{2,}}ed)\b"
+    rf"|(?:{_SUBJECT})\b.*\b(?:is|are|was|were|am|has|have|had|been|wants?|needs?|looks?|seems?|smells?|says|hurts?|"
+    rf"aches?|feels?|will|can|could|did|does|{_NOT}|{_PAST_VERBS})\b"
     r"|(?:\w+ ){1,3}(?:is|are|was|were) (?:\w+ )?\w{2,}ing\b"
     r"|(?:my|our|his|her) \w+ \w+s\b|(?:he|she|it) \w+s\b|\w+s (?:are|were|have)\b|.*\bwrong (?:way|direction|side)\b"
     r"|(?:here is|there is) .*)"
@@ -103,6 +105,16 @@ _LIMITS: Final = re.compile(
 )
 """Words that say what is to be done, or not to be, also in a statement."""
 
+_PAST_TOLD: Final = re.compile(
+    rf"\W*(?:\w+ ){{0,4}}(?:i|we|{_SUBJECT})\b[^,]*\b(?:(?:was|were|had|did|could)(?:n['’]?t)?|{_PAST_VERBS}|"
+    r"(?:have|has) (?:been|\w{2,}ed))\b"
+)
+"""What is told of a time before limits less: "my wife was not in when I came to the kitchen"."""
+_LIMITS_NOW: Final = re.compile(
+    r"\b(?:must|should|ought|may not|(?:has|have|needs?|wants?|supposed|got) to|only|except|rather|instead|avoid|other|"
+    r"(?:not|never) to|forb\w+|allowed|banned|keep|stay|cannot|(?:do|does|is|are|ca|wo|must)(?: not|n['’]?t))\b|\?|"
+    r"(?:\b(?:not|never|no)\b|n['’]t).*\byou\b|\b(?:you|said|says|told|asked|warned)\b.*(?:\b(?:not|never|no)\b|n['’]t)"
+)
 _MISSED: Final = re.compile(r"\b(?:can|could)(?:not|n?['’]?t| not) (?:find|see|locate|spot|remember)\b")
 """Of a statement that says what somebody does not find: no limit on what is to be done."""
 
@@ -185,7 +197,8 @@ def is_wish(clause: str) -> bool:
 
 def is_statement(clause: str, *, names_things: bool) -> bool:
     """Whether a clause says how things are, and nothing about what is to be done."""
-    limited = _WANTED.search(clause) or (names_things and _LIMITS.search(_MISSED.sub("", clause)))
+    limits = _LIMITS_NOW if _PAST_TOLD.match(clause) else _LIMITS
+    limited = _WANTED.search(clause) or (names_things and limits.search(_MISSED.sub("", clause)))
     return _STATEMENT.match(clause) is not None and not limited
 
 

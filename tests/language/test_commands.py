@@ -478,6 +478,54 @@ def test_words_that_may_matter_are_never_left_out(said: str) -> None:
         read_command(said, LABELS)
 
 
+TOLD = {"chair": 9, "couch": 2, "table": 0, "dining table": 3, "laptop": 1, "bench": 2, "lamp": 1, "microwave": 1}
+
+
+@pytest.mark.parametrize(
+    ("said", "like"),
+    [
+        ("Somebody zorgled the chair by the lamp. Go to the chair.", "go to the chair by the lamp"),
+        ("The guests sat at the table with the laptop. Go to that table.", "go to the table with the laptop"),
+        ("The bench in the kitchen was made by my father. Drive over to the bench.", "go to the bench in the kitchen"),
+        ("The tram was late, then the coffee was cold. Go to the lamp.", "go to the lamp"),
+        ("The chair by the lamp broke. Go to the chair by the laptop.", "go to the chair by the laptop"),
+    ],
+)
+def test_what_is_told_before_an_order_says_which_one_it_means(said: str, like: str) -> None:
+    told, plain = (read_command(one, TOLD).program for one in (said, like))
+    assert plain.replace("robot.move_to_object(", "").rstrip(")") in told
+    assert told.count("robot.move_to") == 1
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        "The guests sat at one of the tables. Go to the table.",
+        "The chair by the lamp was reserved for the boss. Go to a chair.",
+        "I left my hat on the chair by the lamp and my coat on the chair by the laptop. Go to the chair.",
+        "I never wanted you near the microwave. Go to the microwave.",
+        "Mum said you can't go past the bench. Go to the lamp.",
+        "Juggle three times. Go to the lamp.",
+        "The cup was on the floor, near the lamp.",
+    ],
+)
+def test_what_is_told_and_may_limit_the_order_is_refused(said: str) -> None:
+    with pytest.raises(CommandError, match="Not understood"):
+        read_command(said, TOLD)
+
+
+@pytest.mark.parametrize(
+    ("said", "like"),
+    [
+        ("Instead of the lamp go to the microwave.", "go to the microwave"),
+        ("I don't mean the lamp, I mean the microwave.", "go to the microwave"),
+        ("Go to the lamp and the microwave. Scrap that: stay here.", "stay here"),
+    ],
+)
+def test_what_is_taken_back_is_not_done(said: str, like: str) -> None:
+    assert read_command(said, TOLD).program == read_command(like, TOLD).program
+
+
 @pytest.mark.parametrize(("count", "understood"), [(1, True), (2, False)])
 def test_an_unknown_adjective_is_left_out_only_where_one_thing_can_be_meant(count: int, understood: bool) -> None:
     if understood:
