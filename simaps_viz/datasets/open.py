@@ -125,6 +125,8 @@ def _load(entry: str) -> Reader:
 
 MAX_LISTED = 8
 """Names of a folder that a message shows."""
+MAX_NEAREST = 3
+"""Formats that an unknown folder is told to be near to, where it has as much of each."""
 MAX_SEARCHED = 20_000
 """Files of a folder whose names are looked at."""
 MAX_DEPTH, MAX_FOLDERS = 4, 200
@@ -166,19 +168,23 @@ def manifest_for(path: Path) -> str:
 
 
 def _nearest(path: Path, readers: Sequence[Reader]) -> str:
-    """Return which folder inside is a recording, or else which format has most of its files here, and what it lacks."""
+    """Return which folder inside is a recording, or else which formats have most of their files here and what lacks."""
     inside = [folder for folder in _folders(path) if any(reader.recognise(folder) for reader in readers)]
     if inside:
         more = f" (so are {len(inside) - 1} other folders)" if len(inside) > 1 else ""
         return f"; {inside[0]} is one{more}"
-    best: tuple[float, str] = (0.0, "")
+    best, nearest = 0.0, dict[str, str]()
     for reader in readers:
         for needed in ways(reader.facts):
             lacking = [any_of[0] for any_of in needed if not any(next(path.glob(p.rstrip("/")), None) for p in any_of)]
             share = 1 - len(lacking) / len(needed)
-            if lacking and share > best[0]:
-                best = share, f"; nearest is {reader.facts.title}, which also has {', '.join(lacking)}"
-    return best[1]
+            if not lacking or share < best or not share:
+                continue
+            if share > best:
+                best, nearest = share, {}
+            nearest.setdefault(reader.facts.title, ", ".join(lacking))
+    known = [f"{title}, which also has {files}" for title, files in nearest.items()]
+    return f"; nearest is {', or '.join(known[:MAX_NEAREST])}" if known else ""
 
 
 def ways(facts: FormatFacts) -> list[list[list[str]]]:

@@ -4,6 +4,7 @@ A database is SQLite. Poses are the robot base's; each picture's calibration has
 rectified, so P is their camera and the distortion beside it is not applied.
 """
 
+import math
 import operator
 import sqlite3
 import struct
@@ -36,6 +37,8 @@ _RVL_MAGIC, _RVL_SIZE = b"DEPTHRVL", struct.Struct("<II")
 _CALIBRATION = struct.Struct("<11i")
 """Version (three numbers), kind (0: one camera, 1: stereo), width, height, and how many numbers K, D, R, P and the
 camera's place have."""
+_MAX_VERSION = 1000
+"""Versions are smaller; read as one, the focal length that older calibrations begin with is larger."""
 _PLACE = 12
 _MAT = struct.Struct("<3i")
 """Rows, columns and OpenCV's type, behind zipped numbers."""
@@ -169,8 +172,10 @@ def _matrix(where: str, data: bytes) -> NDArray:
 def _camera(where: str, data: bytes, size: tuple[int, int]) -> tuple[Lens, NDArray]:
     """Return the camera of rectified pictures [height, width], and its place on the base."""
     if len(data) < _CALIBRATION.size:
-        raise InputError(f"{where}: expected one as of RTAB-Map 0.11 or later, found {len(data)} bytes")
-    _, _, _, kind, width, height, *counts = _CALIBRATION.unpack_from(data)
+        raise InputError(f"{where}: expected one as of RTAB-Map 0.10 or later, found {len(data)} bytes")
+    version, _, _, kind, width, height, *counts = _CALIBRATION.unpack_from(data)
+    if version > _MAX_VERSION:
+        return _old_camera(where, data, size)
     if kind != 0:
         raise InputError(f"{where}: expected one camera with depth, found stereo or another kind ({kind})")
     length = _CALIBRATION.size + 8 * sum(counts[:4]) + 4 * counts[4]
@@ -185,6 +190,16 @@ def _camera(where: str, data: bytes, size: tuple[int, int]) -> tuple[Lens, NDArr
         height, width = size
     lens = Lens(pinhole(where, width, height, float(fx), float(fy), float(cx), float(cy)))
     return lens.scaled(size[1], size[0]), _matrix(where, data[length - 4 * _PLACE : length])
+
+
+def _old_camera(where: str, data: bytes, size: tuple[int, int]) -> tuple[Lens, NDArray]:
+    """Return the camera as stored before version 0.18, in floats: fx, fy, cx, cy, since 0.11.2 the size, the place."""
+    if len(data) not in (4 * (4 + _PLACE), 4 * (6 + _PLACE)):
+        raise InputError(f"{where}: expected one camera with depth, found {len(data)} bytes for stereo or several")
+    fx, fy, cx, cy, *stated = np.frombuffer(data, "<f4").tolist()[:-_PLACE]
+    width, height = stated if stated and all(1 <= length < math.inf for length in stated) else (size[1], size[0])
+    lens = Lens(pinhole(where, int(width), int(height), fx, fy, cx, cy))
+    return lens.scaled(size[1], size[0]), _matrix(where, data[-4 * _PLACE :])
 
 
 def _depth(where: str, data: bytes) -> NDArray:

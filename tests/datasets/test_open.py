@@ -111,3 +111,13 @@ def test_what_is_nearest_and_what_it_lacks(tmp_path: Path) -> None:
     (path / "traj.txt").unlink()
     with pytest.raises(InputError, match=r"nearest is Replica \(NICE-SLAM\), which also has traj\.txt"):
         simaps_viz.open_sequence(path)
+
+
+def test_formats_that_lack_as_little_are_all_named(tmp_path: Path) -> None:
+    """Pictures of Open3D's recorder without a trajectory may get either's."""
+    for folder in ("color", "depth"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "000000.png").touch()
+    slam = r"nearest is RGB-D SLAM folder, which also has pose\.txt, or "
+    with pytest.raises(InputError, match=slam + r"Redwood, Open3D, which also has trajectory\.log\n"):
+        simaps_viz.open_sequence(tmp_path)

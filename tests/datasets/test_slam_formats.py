@@ -16,6 +16,7 @@ from scans_apps import record3d_exr
 from scans_bags import ros2_sqlite, rvl
 from scans_folders import habitat, sens, tum
 from scans_slam import (
+    T_BASE_CAMERA,
     colmap,
     instant_ngp,
     matrix_lines,
@@ -42,6 +43,11 @@ def change(path: Path, query: str, *values: object) -> None:
     database.close()
 
 
+def floats_calibration(*between: float) -> bytes:
+    place = T_BASE_CAMERA[:3].ravel()
+    return np.array([K.fx, K.fy, K.cx, K.cy, *between, *place], "<f4").tobytes()
+
+
 def test_a_database_without_optimised_poses_says_so(tmp_path):
     sample = rtabmap(tmp_path, optimised=False)
     sequence = open_sequence(sample.path)
@@ -62,6 +68,16 @@ def test_a_database_with_depth_as_rvl(tmp_path):
     np.testing.assert_allclose(open_sequence(path).read(0).depth_m, depth * 0.001, rtol=1e-6)
 
 
+@pytest.mark.parametrize("size", [(), (K.width, K.height), (0, 0)])
+def test_cameras_as_rtabmap_stored_them_before_version_0_18(tmp_path, size):
+    """Floats: focal lengths, principal point, since 0.11.2 the size, the camera's place on the base."""
+    sample = rtabmap(tmp_path)
+    change(sample.path, "UPDATE Data SET calibration = ?", floats_calibration(*size))
+    sequence = open_sequence(sample.path)
+    np.testing.assert_allclose(sequence.intrinsics.matrix(), K.matrix(), rtol=1e-6)
+    np.testing.assert_allclose(sequence.poses, open_sequence(sample.reference).poses, atol=3e-7)
+
+
 @pytest.mark.parametrize(
     ("query", "values", "expected"),
     [
@@ -72,7 +88,9 @@ def test_a_database_with_depth_as_rvl(tmp_path):
             (rtabmap_calibration(K, cameras=2),),
             "one camera, found 744 bytes for sev",
         ),
-        ("UPDATE Data SET calibration = ?", (bytes(16),), "RTAB-Map 0.11 or later, found 16 bytes"),
+        ("UPDATE Data SET calibration = ?", (bytes(16),), "RTAB-Map 0.10 or later, found 16 bytes"),
+        ("UPDATE Data SET calibration = ?", (floats_calibration(0.07),), "one camera with depth, found 68 b"),
+        ("UPDATE Data SET calibration = ?", (floats_calibration() * 2,), "one camera with depth, found 128"),
         ("UPDATE Admin SET opt_poses = ?", (bytes(40),), "Admin.opt_poses: expected packed numbers"),
         ("DROP TABLE Data", (), "an RTAB-Map database, found .*no such table: Data"),
     ],
