@@ -462,7 +462,9 @@ def _first_named(sentence: Sentence) -> Phrase | None:
     for at in range(len(sentence.words)):
         found = [one.value for one in chart.parse("thing", at) if "‹" not in one.value.text]
         found = [
-            one for one in found if not re.search(r"\b(?:search|only)\(", one.text) and one.base != EVERYTHING.base
+            one
+            for one in found
+            if not re.search(r"\b(?:search|only)\(", one.text) and one.base != EVERYTHING.base and one.word != "thing"
         ]
         if found:
             return found[-1 if lost else 0]

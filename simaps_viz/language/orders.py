@@ -1269,6 +1269,13 @@ def _what_is(post: Sequence[Parts], what: str) -> Steps:
     return _told(refine(EVERYTHING, parts), "what")
 
 
+@_rule("question", "WHAT (IS | EXIST | THAT | HANG)* OVER np", cost=-0.5)
+def _what_hangs_over(np: Phrase) -> Steps:
+    """Read "what is hanging over the bed?": of what hangs on walls."""
+    over = f"near(near({{}}, {np.measure}), {np.measure}, 1)"
+    return _told(select(Noun("thing", "thing on the wall"), (Part("filter", over, phrase=np),)), "what")
+
+
 @_rule("question", "relation COMMA? what:WHAT (IS | EXIST | ON | IN | IT | HERE)*", cost=-0.2)
 def _what_is_there_in(relation: Parts, what: str) -> Steps:
     """Read "on the desk, what is there?"."""
@@ -1406,7 +1413,7 @@ def _room_has(room: Phrase, np: Phrase) -> Condition:
 @_rule("condition", "EXIST np (ANYWHERE | HERE | EITHER | _in_map)*", "np EXIST")
 def _exists(np: Phrase) -> Condition:
     np = _changed(np, np.whole or np.text)
-    return "count({0.text}) > 0", (replace(np, many=False),)
+    return "count({0.text}) > 0", (replace(np, many=False, together=np.many),)
 
 
 @_rule("condition", "relation COMMA? EXIST negation:NOT? np", cost=-0.2)

@@ -514,6 +514,14 @@ def test_what_is_told_and_may_limit_the_order_is_refused(said: str) -> None:
         read_command(said, TOLD)
 
 
+def test_what_hangs_over_a_thing_is_asked_of_what_hangs_on_walls() -> None:
+    program = read_command("What's that hanging over the microwave?", TOLD).program
+    assert program.startswith('tell(near(near(things("thing on the wall"), "microwave"), "microwave", 1)')
+    assert (
+        read_command("If there are benches in the kitchen, go to the nearest one.", TOLD).program.count("kitchen") == 2
+    )
+
+
 @pytest.mark.parametrize(
     ("said", "like"),
     [
