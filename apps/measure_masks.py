@@ -3,7 +3,7 @@
 Missed things are counted by class, by distance, by size in the picture, and by whether they were missed in the frame
 before: a network that misses a thing misses it again, which simulated errors drawn anew for every frame do not. Level
 "detector" of the simulated errors was set from what this prints. ``--simulate`` simulates errors as frequent as those
-measured, and compares the maps of both.
+measured, and segments that cover as much of things and of what is around them, and compares the maps of both.
 """
 
 import math
@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 import tyro
 from numpy.typing import NDArray
+from scipy.ndimage import find_objects
 
 from simaps_viz import open_sequence
 from simaps_viz.build.methods import build
@@ -26,7 +27,7 @@ from simaps_viz.errors import InputError
 from simaps_viz.evaluation.evaluate import PRECOMPUTED, evaluate
 from simaps_viz.evaluation.report import overall_table
 from simaps_viz.evaluation.truth import find_truth
-from simaps_viz.scenes.simulated_errors import LEVELS, SMALLEST_PX, ClassErrors, ErrorLevel
+from simaps_viz.scenes.simulated_errors import LEVELS, PLACES, SMALLEST_PX, ClassErrors, ErrorLevel, around
 from simaps_viz.structures import Segment, Segmentation
 
 PART = 0.25
@@ -51,6 +52,8 @@ class MaskErrors:
     """Objects of all classes: things, also those that the network has no name for, and stuff."""
     called: dict[str, Counter[str]] = field(default_factory=dict)
     """What the objects of each class are called by the segment that shows them best."""
+    extents: dict[str, NDArray] = field(default_factory=dict)
+    """Of things that are most of what their segment shows, pixels [all or covered, beside it or its own, places]."""
     after: dict[str, list[int]] = field(default_factory=dict)
     """Missed after a frame in which it was "found" or "missed"."""
     later: list[list[int]] = field(default_factory=lambda: [[0, 0], [0, 0]])
@@ -111,6 +114,7 @@ class MaskErrors:
             if true_px[s.id] >= smallest:
                 showing = {k: n for k in names if (n := both.get((s.id, k), 0)) > PART * true_px[s.id]}
                 self._add_object(s, int(np.log2(true_px[s.id] / smallest)), showing, names)
+        self._add_extents(exact, found, both, smallest)
         self._found.append({i: bool(shows[i]) for i in things})
 
     def _add_object(self, known: Segment, size: int, showing: Mapping[int, int], names: Mapping[int, str]) -> None:
@@ -120,6 +124,25 @@ class MaskErrors:
             self.called.setdefault(known.label, Counter())[names[max(showing, key=lambda k: showing[k])]] += 1
         if known.is_thing and known.label not in self.known:
             note(self.unnamed, bool(showing))
+
+    def _add_extents(
+        self, exact: Segmentation, found: Segmentation, both: Mapping[tuple[int, int], int], smallest: float
+    ) -> None:
+        """Count the pixels around each thing, and those that its segment covers, if the thing is most of it."""
+        sizes = np.bincount(exact.ids.ravel(), minlength=1 + max((s.id for s in exact.segments), default=0))
+        boxes, things = find_objects(exact.ids), {s.id: s.label for s in exact.segments if s.is_thing}
+        best = {i: max((s.id for s in found.segments), key=lambda k: both.get((i, k), 0), default=0) for i in things}
+        most = {k: max(both.get((i, k), 0) for i in things) for k in best.values()}
+        for thing, k in best.items():
+            shared = both.get((thing, k), 0)
+            if not k or shared < most[k] or shared <= PART * sizes[thing] or sizes[thing] < smallest:
+                continue
+            window, place = around(boxes[thing - 1], exact.ids.shape)
+            own, covered = exact.ids[window] == thing, found.ids[window] == k
+            counts = self.extents.setdefault(things[thing], np.zeros((2, 2, PLACES**2)))
+            for side in (0, 1):
+                for errors, pixels in enumerate((own == side, (own == side) & covered)):
+                    counts[errors, side] += np.bincount(place[pixels], minlength=PLACES**2)
 
     def lasting(self) -> float:
         """Return the correlation of a thing being missed in two frames `LATER` apart (Pearson's, of odds)."""
@@ -138,13 +161,22 @@ class MaskErrors:
             table = [self.by_class_and_size.get((label, size), [0, 0]) for size in sizes]
             missed = sum(row[1] for row in table) / sum(row[0] for row in table)
             by_size = tuple((row[1] + 4 * missed) / (row[0] + 4) for row in table)
-            classes[label] = ClassErrors(by_size, {name: n / names.total() for name, n in names.most_common()})
+            shares = {name: n / names.total() for name, n in names.most_common()}
+            classes[label] = ClassErrors(by_size, shares, self._extent(label))
         # The mean distance of a border displaced by a normal deviate is 0.8 standard deviations.
         border_px = float(np.median(self.border_px)) / 0.8 if self.border_px else 0.0
         return ErrorLevel(
             border_px=border_px, miss=0.0, flip=0.0, split=share(self.split), merge=share(self.merged),
             lasting=max(self.lasting(), 0.0), by_class=classes,
         )  # fmt: skip
+
+    def _extent(self, label: str) -> NDArray | None:
+        """Return the shares covered; a place of few pixels leans on all the places."""
+        if label not in self.extents:
+            return None
+        cases, covered = self.extents[label]
+        usual = covered.sum(axis=1, keepdims=True) / np.maximum(cases.sum(axis=1, keepdims=True), 1)
+        return (covered + usual) / (cases + 1)
 
     def lines(self) -> Iterator[str]:
         """Return what a person reads."""

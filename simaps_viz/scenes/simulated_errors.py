@@ -17,13 +17,14 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import find_objects
 from scipy.special import ndtr, ndtri
 
 from simaps_viz.colors.classes import COCO_THINGS
 from simaps_viz.errors import InputError
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ClassErrors:
     """What goes wrong with things of one class, as measured."""
 
@@ -31,6 +32,9 @@ class ClassErrors:
     """As ``ErrorLevel.miss_by_size``."""
     names: Mapping[str, float]
     """What those that are found are called: shares, 1 in all."""
+    extent: NDArray | None = None
+    """Float [2, `PLACES`²]: in each place of `around` a thing, the shares of the pixels beside it and of its own that
+    its segment covers. None: its own."""
 
 
 @dataclass(frozen=True)
@@ -85,6 +89,8 @@ MERGE_DISTANCE_M = 1.2
 """Horizontal distance of two objects' middles."""
 MERGE_GAP = 0.03
 """Two segments merge only if the boxes round them are at most this share of the picture's width apart."""
+PLACES = 8
+"""Rows and columns of places around a thing."""
 
 
 @dataclass(frozen=True)
@@ -130,16 +136,20 @@ class _Draws:
     """[ids, ids]."""
     wander: NDArray
     """float32 [2, rows, cols], standard normal, displacement of the control points."""
+    extent: NDArray
+    """[ids], 0-1: a segment covers the places that more segments than this cover."""
 
 
 def _draw(seed: int, frame: str, ids: int, control: tuple[int, int], lasting: float) -> _Draws:
     rng = np.random.default_rng([seed, zlib.crc32(frame.encode())])
     wander = rng.standard_normal((2, *control), dtype=np.float32)
     miss, flip, split, other, angle, score = rng.random((6, ids))
+    merge, extent = rng.random((ids, ids)), rng.random(ids)
     if lasting:
-        miss_always, flip_always, other = np.random.default_rng(seed).random((3, ids))
+        miss_always, flip_always, other, extent_always = np.random.default_rng(seed).random((4, ids))
         miss, flip = _correlated(miss, miss_always, lasting), _correlated(flip, flip_always, lasting)
-    return _Draws(miss, flip, split, other, angle, score, rng.random((ids, ids)), wander)
+        extent = _correlated(extent, extent_always, lasting)
+    return _Draws(miss, flip, split, other, angle, score, merge, wander, extent)
 
 
 def _correlated(one: NDArray, always: NDArray, correlation: float) -> NDArray:
@@ -187,6 +197,8 @@ def simulate_errors(
     for i in found:
         lookup[i] = segment_of[i]
     spoiled = lookup[moved]
+    if chance.by_class is not None:
+        _reshape(spoiled, moved, [i for i in found if instances[i].is_thing], instances, segment_of, chance, draws)
     _split(spoiled, [i for i in found if draws.split[i] < chance.split], instances, segment_of, segments, draws)
     _merge(spoiled, [i for i in found if instances[i].is_thing], names, instances, segment_of, chance, draws)
     areas = np.bincount(spoiled.ravel(), minlength=len(segments) + 1)
@@ -275,6 +287,46 @@ def _score(i: int, name: str, instances: Mapping[int, KnownInstance], draws: _Dr
     """Return a confidence: lower for a wrong name."""
     low, high = (0.70, 0.99) if name == instances[i].label else (0.40, 0.80)
     return round(float(low + (high - low) * draws.score[i]), 3)
+
+
+def around(box: tuple[slice, slice], shape: tuple[int, ...]) -> tuple[tuple[slice, slice], NDArray]:
+    """Return twice as large a window round a thing's box, cut to the picture, and in which place each pixel of it is.
+
+    The places are `PLACES` rows and columns of the uncut window, numbered row by row.
+    """
+    window, places = [], []
+    for span, size in zip(box, shape, strict=True):
+        long = span.stop - span.start
+        first = span.start - long // 2
+        window.append(slice(max(first, 0), min(first + 2 * long, size)))
+        places.append((np.arange(window[-1].start, window[-1].stop) - first) * PLACES // (2 * long))
+    return (window[0], window[1]), places[0][:, None] * PLACES + places[1]
+
+
+def _reshape(
+    spoiled: NDArray,
+    moved: NDArray,
+    things: list[int],
+    instances: Mapping[int, KnownInstance],
+    segment_of: Mapping[int, int],
+    chance: ErrorLevel,
+    draws: _Draws,
+) -> None:
+    """Let segments lack what those of their class often lack, and cover what they often cover beside the thing.
+
+    What another thing's segment covers stays its own.
+    """
+    boxes = find_objects(moved)
+    taken = np.isin(moved, things)
+    for i in things:
+        extent = (chance.by_class or {})[instances[i].label].extent
+        if extent is None:
+            continue
+        window, place = around(boxes[i - 1], moved.shape)
+        own, part = moved[window] == i, spoiled[window]
+        covered = extent[own.astype(np.intp), place] > draws.extent[i]
+        part[own & ~covered] = 0
+        part[covered & (own | ~taken[window])] = segment_of[i]
 
 
 def _split(

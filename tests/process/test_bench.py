@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import measure_masks
@@ -19,7 +20,7 @@ from simaps_viz.build.pipeline import BuildConfig, build_map
 from simaps_viz.datasets.open import open_sequence
 from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.mapping.accumulator import ProjectionSettings
-from simaps_viz.scenes.simulated_errors import ClassErrors
+from simaps_viz.scenes.simulated_errors import LEVELS, PLACES, KnownInstance, simulate_errors
 from simaps_viz.structures import Pose2, Segment, Segmentation, SIMap
 
 RATIO = re.compile(r"^ +([\d,.]+) x ")
@@ -258,7 +259,9 @@ def test_errors_of_masks_are_counted_one_by_one():
     assert "renamed: 0.200 of 10" in list(errors.lines())
     assert errors.unnamed == [0, 0]
     level = errors.level()
-    assert level.by_class == {"chair": ClassErrors((0.0,), {"chair": 0.8, "couch": 0.2})}  # lamps were never found
+    assert level.by_class is not None and set(level.by_class) == {"chair"}  # lamps were never found
+    chair = level.by_class["chair"]
+    assert (chair.miss_by_size, chair.names) == ((0.0,), {"chair": 0.8, "couch": 0.2})
     assert (level.split, level.merge) == (0.2, 1.0)
     errors.later = [[8, 2], [1, 9]]  # odds of 36
     assert errors.lasting() == pytest.approx(math.cos(math.pi / 7))
@@ -277,3 +280,22 @@ def test_things_that_a_network_has_no_name_for_are_counted_apart():
     # A third of the lamps is shown; four cases of that rate are added to those of a size.
     by_class = errors.level().by_class
     assert by_class is not None and by_class["lamp"].miss_by_size == pytest.approx(((2 + 4 * 2 / 3) / (3 + 4),))
+
+
+def test_what_segments_cover_of_a_thing_and_beside_it_is_measured_by_place_and_simulated(monkeypatch):
+    """Its segment lacks the right half of a box, and covers as much floor on its left."""
+    exact, found = np.zeros((40, 80), np.int32), np.zeros((40, 80), np.int32)
+    exact[10:26, 32:48], found[10:26, 24:40] = 1, 1
+    errors = measure_masks.MaskErrors(frozenset({"box"}))
+    errors.add(
+        Segmentation(exact, (Segment(1, "box"),)), Segmentation(found, (Segment(1, "box"),)), np.ones(exact.shape)
+    )
+    level = errors.level()
+    assert level.by_class is not None and level.by_class["box"].extent is not None
+    beside, own = np.round(level.by_class["box"].extent).reshape(2, PLACES, PLACES)
+    assert not own[2:6, 4:6].any() and own[2:6, 2:4].all()
+    assert beside[2:6, :2].all() and not beside[:, 4:].any() and not beside[[0, 1, 6, 7]].any()
+    monkeypatch.setitem(LEVELS, "custom", replace(level, border_px=0.0))
+    box = {1: KnownInstance("box", True, (0.0, 0.0))}
+    simulated = [simulate_errors(exact, box, level="custom", seed=0, frame=str(i))[0] for i in range(21)]
+    assert (np.median(simulated, axis=0) == found).all()
