@@ -15,7 +15,7 @@ from simaps_viz.mapping.explain import explain
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.panels.help import WORDS
-from simaps_viz.viewer.panels.why import WHY_WORDS, WhyPanel, joint_name, lines_legend, words_html
+from simaps_viz.viewer.panels.why import ASK, WHY_WORDS, WhyPanel, joint_name, lines_legend, words_html
 from simaps_viz.viewer.scene.annotations import Texts
 from simaps_viz.viewer.scene.why_marks import Marks, link_label
 
@@ -74,5 +74,24 @@ def test_every_neighbour_has_a_button():
         panel._fill(simap, replace(why, neighbours=(why.neighbours[0], twice)))
         assert [*panel._near.options][:2] == [f"{CLASS} 3 · 1.6 %", f"{CLASS} 4 · 1.6 %"]
         assert list(panel._apart_of.values()) == [one.id for one in simap.of_class(CLASS)[1:]]
+    finally:
+        server.stop()
+
+
+def test_what_was_said_of_an_object_goes_when_another_is_selected():
+    server = viser.ViserServer(host="127.0.0.1", port=free_port(), verbose=False)
+    try:
+        simap, asked = of_drawers(), []
+        worker = SimpleNamespace(submit=lambda name, work: asked.append(name))
+        texts = SimpleNamespace(texts=Texts(server))
+        page = SimpleNamespace(gui=server.gui, client=server, scene=texts, worker=worker, simap=simap)
+        panel = WhyPanel(cast(Page, page))
+        panel.why = explain(simap, CHAIR_1)
+        panel._fill(simap, panel.why)
+        panel.selection_changed(CHAIR_1)  # the same one, as after a slider moved
+        assert panel._lines_legend.content and len(panel._near.options) > 1
+        panel.selection_changed(simap.of_class(CLASS)[1].id)
+        assert asked == ["why", "why"] and not panel._lines_legend.content and panel._near.options == (ASK,)
+        assert not panel._step.visible and not panel._rows.visible and "Explaining" in panel._apart.content
     finally:
         server.stop()

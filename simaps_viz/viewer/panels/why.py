@@ -179,7 +179,8 @@ class WhyPanel(Panel):
     def selection_changed(self, instance_id: int | None) -> None:
         """Queue the explanation of the selected instance."""
         simap = self._page.simap
-        self._apart.content = ""  # what was said of the object before does not hold for this one
+        if self.why is None or self.why.instance.id != instance_id:
+            self._forget(instance_id)
         self._page.worker.submit("why", lambda: self._explain(simap, instance_id))
 
     def style(self, simap: SIMap, style: Style) -> Style:
@@ -221,6 +222,15 @@ class WhyPanel(Panel):
         """Describe what keeps the explained instance and another apart."""
         self._apart.content = working_html("Comparing")
         self._page.worker.submit("compare", lambda: self._compare_now(other_id))
+
+    def _forget(self, instance_id: int | None) -> None:
+        """Take away what was said of the object before, which does not hold for this one, until it is explained."""
+        self._folder.visible = instance_id is not None
+        self._lines_legend.content = self._color_legend.content = ""
+        self._apart_of, self._near.options = {}, (ASK,)
+        self._apart.content = working_html("Explaining")
+        self._step.visible = self._rows.visible = self._step_text.visible = False
+        self._views.hide()
 
     def _explain(self, simap: SIMap, instance_id: int | None) -> None:
         """Show why an instance is one object, here and in short on the panel about the instance."""
