@@ -468,6 +468,8 @@ def _first_named(sentence: Sentence) -> Phrase | None:
         ]
         if found:
             return found[-1 if lost else 0]
+        lost = lost and _DETERMINERS.isdisjoint(edge.kind for edge in sentence.edges[at])
+        # "I left my glasses on the desk with the lamp": that desk
     return None
 
 

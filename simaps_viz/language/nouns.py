@@ -35,6 +35,9 @@ _SIDES: Final = ("left", "right", "north", "south", "east", "west", "middle")
 ALL: Final = re.compile(r'things\(("[^"]*")\)')
 IN_ROOM: Final = re.compile(r'inside\(things\("[^"]*"\), (room\("[^"]*"\))\)')
 _VAGUE: Final = re.compile(r'only\((?:things\("[^"]*"\)|‹one›), "([^"]*)"\)')
+_BEST_OF: Final = ("order", True)
+"""Said of one thing: "the chair at the table that is nearest to the sofa" is, with one table, the nearest chair."""
+_BEST: Final = re.compile(rf"\b(?:order|nearest|farthest)\({ONE}")
 _RANKED: Final = re.compile(r'nth\(things\(("[^"]*")\), (\d+)\)')
 
 
@@ -188,8 +191,10 @@ def select(noun: Noun | None, parts: Iterable[Part], *, every: bool = False, som
         is_plural, count = False, None if count == 1 else count
     many = is_plural or (count or 1) > 1
     text = whole = base
+    # "The chairs at the bar except the leftmost": that of those, not that of all chairs.
+    exceptions = tuple(part for part in parts if many and part.outer and _BEST.search(part.text))
     for part in parts:
-        if part.kind == "filter":
+        if part.kind == "filter" and part not in exceptions:
             text = (part.definite if (many or some) and part.definite else part.text).replace("{}", text)
             whole = (part.definite or part.text).replace("{}", whole)
     # "The other chair, not the one by the desk" says which one the other is not.
@@ -206,6 +211,7 @@ def select(noun: Noun | None, parts: Iterable[Part], *, every: bool = False, som
     for part in parts:
         whole = f"near({whole}, {part.definite or part.text})" if part.kind == "near" else whole
     text, many = _chosen(text, word, parts, rank, count, many, several=many or some)
+    text, whole = _without_best(text, exceptions), _without_best(whole, exceptions)
     text = _sorted_by(text, tuple(part for part in parts if part.kind == "then"), many)
     text = text.replace(ONE, base)
     whole = text if chosen else whole
@@ -214,9 +220,10 @@ def select(noun: Noun | None, parts: Iterable[Part], *, every: bool = False, som
     notes += tuple(part.note for part in parts if part.note) + tuple(note for p in inner for note in p.notes)
     others += tuple(pair for p in inner for pair in p.others)
     free = noun is not None and noun.count == 0 and not noun.known
+    lone = noun is not None and noun.count == 1 and not noun.wide
     greedy = any(part.outer for part in parts)
     penalty = 0.2 * sum(part.phrase.greedy for part in parts if part.phrase) + _vacuous(base, parts)
-    lone = noun is not None and noun.count == 1 and not noun.wide
+    penalty += 0.3 * (lone and _BEST_OF in {(part.kind, bool(part.of)) for part in parts})
     return Phrase(
         text,
         base,
@@ -231,6 +238,13 @@ def select(noun: Noun | None, parts: Iterable[Part], *, every: bool = False, som
         lone=lone,
         inner=tuple(inner),
     )
+
+
+def _without_best(text: str, exceptions: Parts) -> str:
+    """Leave out exceptions such as "the leftmost" from among what fits."""
+    for part in exceptions:
+        text = part.text.replace("{}", text).replace(ONE, text)
+    return text
 
 
 def _seated(part: Part, noun: Noun | None) -> Part:
@@ -442,6 +456,8 @@ def united(phrases: Sequence[Phrase]) -> Phrase:
     """Return one phrase for "the chair or the couch"."""
     phrases = lent(phrases)
     first = phrases[0]
+    if any(one.free or one.is_room != first.is_room for one in phrases):
+        raise CommandError("")
     if first.base not in (ONE, SAME):  # "the counter with the cake or the one with the sinks"
         phrases = [
             replace(one, text=one.text.replace(ONE, first.base), base=first.base)
@@ -552,7 +568,9 @@ def _negated(part: Part) -> Part:
     """Return the filter that keeps what a part would not choose."""
     match part.kind:
         case "filter" | "free":
-            left_out = part.text
+            left_out, of = part.text, part.phrase
+            if of and of.text.startswith('room("'):  # "not in the bedroom": in none of them
+                left_out = left_out.replace(of.text, of.whole or of.text)
         case "near":
             left_out = f"near({{}}, {part.text})"
             for name, wide in part.phrase.others if part.phrase else ():
@@ -818,8 +836,13 @@ def _on(np: Phrase | None = None, within: Phrase | None = None) -> Parts:
     return _filter(f"{name}({{}}, {of.argument})", of, definite=f"{name}({{}}, {of.definite})")
 
 
+_HUNG: Final = ("picture", "painting", "poster", "photo", "clock", "mirror", "window", "whiteboard")
+
+
 @_rule("relation", "UNDER np")
 def _under(np: Phrase) -> Parts:
+    if np.word.split()[-1] in _HUNG:  # at the wall, below it
+        return _close(np)
     return _filter(f"under({{}}, {np.argument})", np, definite=f"under({{}}, {np.definite})")
 
 
@@ -889,6 +912,14 @@ def _anywhere() -> Parts:
     return ()
 
 
+@_rule("relation", "ON det:DET place:MAP", cost=-0.05)
+def _on_the_floor(det: str, place: str) -> Parts:
+    """Read "the plant that stands on the floor": on nothing else."""
+    if (det, place) != ("the", "floor"):
+        raise CommandError("")
+    return _filter('at({}, "floor")')
+
+
 @_rule("relation", "OUTSIDE room")
 def _outside(room: Phrase) -> Parts:
     """Read "how many laptops are outside of the office"."""
@@ -903,9 +934,14 @@ def _in_here(here: str) -> Parts:
     return _filter('inside({}, "")')
 
 
+@_rule("relation", "(IN | OF | AT | FROM) room (AND | OR) IN? more:room", cost=0.3)
 @_rule("pre", "room POSS", cost=0.1)
 @_rule("relation", "(IN | OF | AT | FROM) room")
-def _inside(room: Phrase) -> Parts:
+def _inside(room: Phrase, more: Phrase | None = None) -> Parts:
+    if more:  # "how many chairs are in the kitchen and the hall"
+        return _filter(f"inside({{}}, union({room.text}, {more.text}))", room, more)
+    if room.text == 'room("other")':  # "the ball by the bench and then that in the other room"
+        return _elsewhere()
     return _filter(f"inside({{}}, {room.text})", room)
 
 
@@ -1061,7 +1097,12 @@ def _having_no_more(n: int, np: Phrase, only: str = "", most: str = "", few: str
     return _filter(f"minus({some}, having({{}}, {np.argument}, {n + (not few)}))", np)
 
 
-@_rule("relation", "WITH BOTH a:np AND b:np _on_it?", "WITH a:np AND b:np _on_it", "WHERE a:np AND b:np IS+", cost=-0.3)
+@_rule(
+    "relation",
+    "WITH BOTH a:np AND b:np _on_it? | WITH a:np _on_it? AND b:np _on_it | WITH a:np _on_it AND b:np | "
+    "WHERE a:np AND b:np IS+",
+    cost=-0.3,
+)
 def _having_both(a: Phrase, b: Phrase) -> Parts:
     return _filter(f"having(having({{}}, {a.argument}), {b.argument})", a, b)
 
@@ -1168,7 +1209,7 @@ def _that_is(adjective: Parts) -> Parts:
     return adjective
 
 
-@_rule("post", "(AND | COMMA) (THAT | IS)* NOT (relation | adjective)")
+@_rule("post", "(AND | COMMA | BUT)+ (THAT | IS)* NOT (relation | adjective)")
 def _and_is_not(relation: Parts = (), adjective: Parts = ()) -> Parts:
     return tuple(_negated(part) for part in (*relation, *adjective))
 
@@ -1183,6 +1224,12 @@ def _is_no(np: Phrase) -> Parts:
 def _but_none(relation: Parts = (), adjective: Parts = ()) -> Parts:
     """Read "a chair, but none that stands at a table"."""
     return tuple(_negated(part) for part in (*relation, *adjective))
+
+
+@_rule("post", "(COMMA | STOP) ONLY NOT relation", cost=0.1)
+def _only_not(relation: Parts) -> Parts:
+    """Read "a chair with a cushion. Only not at the long table"."""
+    return tuple(_negated(part) for part in relation)
 
 
 @_rule("post", "COMMA? (AND | BUT)? ONLY DET* (relation | adjective+ ONES? | (ONES | ONE) post+)", cost=-0.1)
@@ -1206,6 +1253,12 @@ def _except(targets: tuple[Phrase, ...]) -> Parts:
     for phrase in targets:  # "not one at the counter": none of them
         text = f"minus({text}, {(phrase.any and phrase.whole) or phrase.argument})"
     return _filter(text, *targets, outer=True)
+
+
+@_rule("post", "COMMA? WITHOUT &(DET ONE) np", cost=-0.1)
+def _without_one(np: Phrase) -> Parts:
+    """Read "how many stools are there, without the one in the office?"."""
+    return _except((np,))
 
 
 @_rule("post", "COMMA? EXCEPT DET* room ONE", cost=-0.1)
@@ -1301,6 +1354,12 @@ def _same_name(pre: Sequence[Parts] = (), post: Sequence[Parts] = (), ones: str 
 def _one_such(post: Sequence[Parts]) -> Phrase:
     """Read "a chair, not one at the counter"."""
     return replace(select(None, _flat(post)), among=True, any=True, penalty=0.0)
+
+
+@_rule("thing", "_dets room ONE post*", cost=0.2)
+def _of_room_one(room: Phrase, post: Sequence[Parts] = ()) -> Phrase:
+    """Read "both bins, the kitchen one last"."""
+    return select(None, (*_inside(room), *_flat(post)))
 
 
 @_rule("thing", "_dets ONE _at DET* (side SIDE? | MIDDLE)", cost=-0.1)
@@ -1416,10 +1475,10 @@ def _any(thing: Phrase) -> Phrase:
 
 @_rule("np", "EITHER? thing (COMMA more:thing)* COMMA? OR TO? AT? last:thing", cost=0.1)
 def _either(thing: Phrase, last: Phrase, more: Sequence[Phrase] = ()) -> Phrase:
-    if any(phrase.free for phrase in (thing, *more, last)):  # what is no known word is no choice
-        raise CommandError("")
     found = united((thing, *more, last))
-    return replace(found, penalty=0.15 if "minus(" in thing.text else 0.0)  # "not at any table or desk"
+    # "not at any table or desk"; "the bag, the one on the floor, not the one on the bench or the desk"
+    unlike = 0.3 * any(one.base == ONE for one in more)
+    return replace(found, penalty=0.15 if "minus(" in thing.text else unlike)
 
 
 @_rule("np", "EITHER? a:thing (AND | OR) TO? b:thing COMMA? key:WHICHEVER", cost=-0.2)
@@ -1553,6 +1612,11 @@ def _room_told(name: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()
     if name.base == "rooms()" and any(part.kind == "order" and part.text in ("near", "far") for part in parts):
         name = replace(name, base='rooms("other")')  # the nearest one is not the one that the robot is in
     return select(name, parts)
+
+
+@_rule("room", "ONE OF DET* _number? name:ROOMKIND", cost=-0.3)
+def _some_such_room(name: str) -> Phrase:
+    return Phrase(f"rooms({quoted(name)})", f"rooms({quoted(name)})", name)
 
 
 @_rule("room", "(EVERY | BOTH) (OF | DET)* name:ROOMKIND", cost=0.1)

@@ -1,6 +1,7 @@
 """Orders and questions: verb phrases over noun phrases, and what joins them, to the steps of a program."""
 
-from collections.abc import Sequence
+import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Final
@@ -36,6 +37,8 @@ _A_LITTLE_DEG: Final = 30.0
 _MAX_TIMES: Final = 100
 _MAX_LAPS: Final = 20
 _COMPASS: Final = {"north": 0.0, "east": 90.0, "south": 180.0, "west": 270.0}
+AT_BACK: Final = ', "behind")'
+ONE_OF_ROOM: Final = re.compile(rf'inside\({ONE}, room\("[^"]*"\)\)')
 ALL_ROOMS: Final = Phrase("rooms()", "rooms()", "room", True)
 EVERYTHING: Final = Phrase('things("anything")', 'things("anything")', "thing", True)
 
@@ -176,7 +179,7 @@ _words("_aim", "(WHERE | DET? ONE THAT?) HERE? (GO | NEED)+ (_prep | GO)* THEN? 
     "order",
     "_goer EITHER? _prep+ (_place _prep*)? WHERE? targets IS? | BACK _prep+ targets | APPROACH (_prep | STOP)* targets "
     "| (_goer | APPROACH) WHERE targets IS+ | targets (COMMA | STOP)+ GO | NEED TO? targets | _prep+ targets HERE? "
-    "(GO | STAND) | !(ON | IN | AT) _prep+ targets | (GO | TAKE) TO? targets:there | (targets "
+    "(GO | STAND) | !(ON | IN | AT) _prep+ targets | (GO | TAKE) _prep* targets:there | (targets "
     "| targets:there) COMMA? IS _aim | "
     "DET* GOAL (IS | COMMA | STOP)* targets",
 )
@@ -238,10 +241,10 @@ def _go_check() -> Steps:
     return _go_to(_there())
 
 
-@_rule("order", "PASS via:targets (COMMA | AND | THEN)+ &_verb order", cost=-0.2)
-def _past_and_on(via: tuple[Phrase, ...], order: Steps) -> Steps:
-    """Read "walk past the cake and then stop at the laptop"."""
-    return (*_go_to(via), *order)
+@_rule("order", "PASS via:targets (COMMA | AND | THEN)+ (&_verb order | ON? TO targets)", cost=-0.2)
+def _past_and_on(via: tuple[Phrase, ...], order: Steps = (), targets: tuple[Phrase, ...] = ()) -> Steps:
+    """Read "walk past the cake and then stop at the laptop", "past the rack and then on to the bench"."""
+    return (*_go_to(via), *order, *_go_to(targets))
 
 
 @_rule("order", "_go _dets spot:SPOT WITH np", cost=-0.1)
@@ -250,9 +253,10 @@ def _go_spot_with(spot: str, np: Phrase) -> Steps:
     return _go_to((replace(np, text=f'at({np.whole or np.text}, "{spot}")', whole=""),))
 
 
-@_rule("order", "(_goer | APPROACH WHERE?)? place:PLACE")
-def _go_somewhere(place: Noun) -> Steps:
-    return _go_to((select(place, ()),))
+@_rule("order", "(_goer | APPROACH WHERE?)? place:PLACE (&(COMMA | BUT | EXCEPT) post)*")
+def _go_somewhere(place: Noun, post: Sequence[Parts] = ()) -> Steps:
+    """Read "go somewhere to sit", "... something I can read, but not in the bedroom"."""
+    return _go_to((select(place, [part for parts in post for part in parts]),))
 
 
 @_rule("order", "_goer VIA targets", cost=0.3)
@@ -282,7 +286,7 @@ def _bare(targets: tuple[Phrase, ...]) -> Steps:
     return _each("", targets, "")
 
 
-@_rule("order", "_go room")
+@_rule("order", "!(ON | IN | AT) _go room")
 def _go_room(room: Phrase) -> Steps:
     return _each("robot.move_to_{0.goal}", [room])
 
@@ -290,7 +294,7 @@ def _go_room(room: Phrase) -> Steps:
 @_rule("order", "room")
 def _bare_room(room: Phrase) -> Steps:
     """Read "how many laptops are there, all rooms?", which moves nothing."""
-    return _each("", [room], "") if room.many else _go_room(room)
+    return _go_room(room) if room.text == "room()" else _each("", [room], "")
 
 
 @_rule("order", "LEAVE (room | HERE)? !ATLEAST")
@@ -784,10 +788,18 @@ def _how_many(np: Phrase, post: Sequence[Parts] = ()) -> Steps:
     return _told(refine(np, [part for parts in post for part in parts]), "count")
 
 
-@_rule("question", "relation COMMA? HOWMANY np (IS | EXIST | HERE | WITH)*", cost=-0.2)
-def _how_many_there(relation: Parts, np: Phrase) -> Steps:
-    """Read "in the kitchen how many windows are there?"."""
-    return _told(refine(np, relation), "count")
+@_rule("question", "relation COMMA? question", cost=0.1)
+def _asked_there(relation: Parts, question: Steps) -> Steps:
+    """Read "in the kitchen how many windows are there?", "on the shelf, is the vase left of the bag?"."""
+    step = question[0]
+    if len(question) > 1 or not isinstance(step, Do) or not step.phrases or not (first := step.phrases[0]).base:
+        raise CommandError("")
+    if first.is_room or first.base in (ONE, SAME):
+        raise CommandError("")
+    chosen = first.text.startswith(("first(", "nth(", "nearest(", "farthest(", "last("))  # the nearest of those there
+    there = refine(replace(first, text=first.base, whole="") if chosen else first, relation)
+    text = first.text.replace(first.base, there.text) if chosen else there.text
+    return (replace(step, phrases=(replace(there, text=text), *step.phrases[1:])),)
 
 
 @_rule("question", "HOWMANY (OF? IT | IS | EXIST)* ONES? post*", cost=0.3)
@@ -986,7 +998,8 @@ def _do_you_see(np: Phrase) -> Steps:
 
 @_rule(
     "question",
-    "IS np (ON | TO | AT)* DET* side OR (ON | TO | AT)* DET* _side (SIDE | OF | HERE)* | IS np (BEHIND | FRONT) HERE? "
+    "IS np (ON | TO | AT)* DET* side (SIDE | OF | HERE)* OR (ON | TO | AT)* DET* _side (SIDE | OF | HERE)* | "
+    "IS np (BEHIND | FRONT) HERE? "
     "OR (FRONT | BEHIND) HERE",
     cost=-0.5,
 )
@@ -1170,8 +1183,8 @@ def _does_it(np: Phrase, of: Phrase | None = None, has: str = "have") -> Steps:
 
 _rule("compared", "key:MORE")(lambda key: key)
 _rule("compared", "key:SUPER")(lambda key: key)
-_rule("compared", "NEAREST HERE?")(lambda: "near")
-_rule("compared", "FARTHEST AWAY?")(lambda: "far")
+_rule("compared", "NEAREST HERE?", "NEAREST _here")(lambda: "near")
+_rule("compared", "FARTHEST AWAY? _here?")(lambda: "far")
 
 
 @_rule("question", "IS a:np compared (FROM? HERE)? THAN b:np IS?", cost=-0.3)
@@ -1231,6 +1244,15 @@ def _which(np: Phrase) -> Steps:
         raise CommandError("")
     chosen = np.text.startswith(("first(", "nth(", "nearest(", "farthest(", "last("))
     return _told(np, "which" if chosen else "list")
+
+
+@_rule(
+    "question", "WHICH (OF DET*)? pre* noun IS DET ONE (post+ | (ON | IN | TO) DET* (side SIDE? | MIDDLE))", cost=-0.1
+)
+def _which_is_the_one(noun: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = (), side: str = "middle") -> Steps:
+    """Read "which oven is the one in the middle?", "which chair is the one by the door?"."""
+    parts = [part for parts in (*pre, *post) for part in parts] or [Part("order", side)]
+    return _which(select(replace(noun, is_plural=False), parts))
 
 
 @_rule("question", "WHICH (ROOM | ROOMS) IS np NEAR TO?", cost=-0.2)
@@ -1552,8 +1574,11 @@ def _shown(order: Steps, verb: str) -> Steps:
 
 @_rule("done", "order (COMMA | STOP | AND | BUT)+ (MAKE | TAKE | HANDS) first:thing n:ORD", cost=-0.7)
 @_rule("done", "order (COMMA | AND | BUT)* (STARTWITH first:thing | (GIVE | KEEP) last:thing LASTLY)", cost=-0.4)
+@_rule("done", "order COMMA (first:thing n:ORD | last:thing LASTLY)", cost=-0.4)
 def _one_first(order: Steps, first: Phrase | None = None, last: Phrase | None = None, n: int = 1) -> Steps:
     """Read "visit both desks, but leave the one in the bedroom for last"."""
+    if n == -1:
+        first, last, n = None, first, 1
     head, one = order[0], first or last
     if (
         n != 1
@@ -1613,6 +1638,14 @@ _rule("if", "IFKNOWN DET? OF? np ANYWHERE?")(_exists)
 def _body(done: Steps = (), question: Steps = (), more: Sequence[Steps] = ()) -> Steps:
     """Read what is done on a condition, up to the end of a sentence."""
     return (*done, *question, *(step for steps in more for step in steps))
+
+
+@_rule("logical", "condition:if (COMMA | THEN)* said:HALT _mayhap OTHERWISE COMMA? b:body", cost=-0.3)
+def _if_stop_there(condition: Condition, said: str, b: Steps) -> Steps:
+    """Read "if the tablet is on the table, stop there, otherwise go to the desk": there, where it is."""
+    if not said.endswith("there") or not condition[1]:
+        raise CommandError("")
+    return _if(condition, _go_to(_there()), b)
 
 
 @_rule("logical", "condition:if ((COMMA | THEN)+ | &_verb) a:body (_mayhap OTHERWISE COMMA? b:body)?", cost=-0.2)
@@ -1893,10 +1926,43 @@ _rule("next", "(COMMA | STOP | BUT)+ item")(lambda item: (False, item))
 _rule("next", "&(_verb | _forth) item")(lambda item: (None, item))
 
 
+def _alike(item: Steps, next: Sequence[tuple[bool | None, Steps]]) -> Iterator[tuple[bool | None, Steps]]:
+    """Read "do the living room one first and then the bedroom": the one of that room, too."""
+    before = item[-1]
+    for joint, more in next:
+        one, last = more[0], before.phrases[0] if isinstance(before, Do) and before.phrases else None
+        like = last is not None and ONE_OF_ROOM.fullmatch(last.text)
+        if last and like and isinstance(one, Do) and not one.verb and one.phrases[0].is_room:
+            told = f"inside({ONE}, {one.phrases[0].text})"
+            one = replace(one, phrases=(replace(last, text=told, whole=told),))
+        steps = (one, *more[1:])
+        yield joint, steps
+        before = steps[-1]
+
+
+def _enumerated(item: Steps, next: Sequence[tuple[bool | None, Steps]]) -> list[Step]:
+    """Read "go by the bins: first the one in the hall, then that in the kitchen": each once, in this order."""
+    head, rest = item[-1], [step for _, more in next for step in more]
+    listed = [step.phrases[0] for step in rest if isinstance(step, Do) and step.phrases]
+    if (
+        not (isinstance(head, Do) and _kind(head) == "move" and head.phrases and head.phrases[0].many)
+        or not 2 <= len(listed) == len(rest)
+        or next[0][0] is not False
+        or any(one.base != ONE or ONE not in one.text for one in listed)
+    ):
+        return []
+    told = [
+        replace(step, phrases=(replace(one, text=one.text.replace(LAST, before.single)),))
+        for step, one, before in zip(rest, listed, (head.phrases[0], *listed), strict=False)
+    ]
+    return [*item[:-1], *_taken_from(tuple(told), head.phrases[0], head.phrases[0])]
+
+
 @_rule("items", "item next*")
 def _items(item: Steps, next: Sequence[tuple[bool | None, Steps]] = ()) -> Steps:
     named = [isinstance(step, Do) and not step.verb for step in (item[-1], *(steps[0] for _, steps in next))]
     joined = any(joint for joint, _ in next)
+    next = [*_alike(item, next)]
     for before, (joint, _) in zip((item, *(steps for _, steps in next)), next, strict=False):
         if joint is None and isinstance(before[-1], Do) and _kind(before[-1]) == "tell":
             raise CommandError("")  # "how many boxes are there hiding under the bed?" moves nothing
@@ -1904,8 +1970,12 @@ def _items(item: Steps, next: Sequence[tuple[bool | None, Steps]] = ()) -> Steps
         raise CommandError("")  # "the bar: second stool" is one thing, told twice
     steps = [*item]
     for joint, more in next:
+        first = more[0]
+        if steps[-1:] == [*_turn_around()] and isinstance(first, Do) and AT_BACK in str(first):
+            steps.pop()  # "turn round and go to the sofa behind you": behind it before it turns
         if joint is not False or [*more] != [*_turn_around()] or steps[-1:] != [*more]:
             steps += more  # but "about-face! Look the other way" says one turn twice
+    steps = _enumerated(item, next) or steps
     for at in range(len(steps) - 1, 0, -1):  # "if …; if …; otherwise …": the otherwise is that of all
         first, second = steps[at - 1 : at + 1]
         if isinstance(first, Choose) and isinstance(second, Choose) and second.otherwise and not first.otherwise:

@@ -657,7 +657,15 @@ class Sets(Grounding):
             self.set_of(self._rooms(R) if isinstance(R, str) else R).expect(1)
         ids = {number for room in rooms for number in room.objects}
         names = " or ".join(_the(room) for room in rooms[:3]) if len(rooms) <= 3 else "these rooms"
-        return self._keep(S, [i.id in ids for i in self.things_of(S)], after=f"in {names}")
+        found = self._keep(S, [i.id in ids for i in self.things_of(S)], after=f"in {names}")
+        others = self.set_of(S).items
+        if R or found.items or not others:
+            return found
+        # Who asks "in here" may mean the whole place.
+        there = [room for room in self._all_rooms() if self.ranked(others)[0].id in room.objects]
+        where = f"in {_the(there[0])}" if there else "elsewhere"
+        number = "there is one" if len(others) == 1 else f"the nearest of {len(others)} is"
+        return replace(found, missing=f"{found.none()[:-1]}; {number} {where}.")
 
     def _visible(self, S: Named) -> Things:
         kept = []
@@ -768,6 +776,10 @@ class Sets(Grounding):
             things = self.things_of(S)
             kept = [self._in_middle(np.array([i.centroid_m[:2]])) for i in things]
             return self._keep(S, kept, after=SAID["places"]["middle"])
+        if word == "floor":  # on no other thing; a rug is floor
+            things = self.things_of(S)
+            above = {i.id for i in self._on(S, self._minus("anything", "rug")).items}
+            return self._keep(S, [i.id not in above for i in things], after=SAID["places"][word])
         near = self._near(S, place, None)
         return replace(near, after=f"{self.set_of(S).after} by {self.set_of(place).the}".strip())
 

@@ -55,7 +55,7 @@ _KNOWN: Final = frozenset(
 _WORD: Final = re.compile(r"[a-z]+(?:['’][a-z]+)?")
 
 _ENDS: Final = re.compile(
-    r"(?:(?<!\d)[.,]|[.,](?!\d)|[;:!?])+"
+    r"(?:(?<!\d)[.,]|[.,](?!\d)|[;:!?])+(?!\s+the ones? (?:that|which|with|on|in|at|by|near|next|under|behind)\b)"
     r"|\s(?=(?:because|cause|cos|so(?! (?:that (?:it|the|you)|far|much|many))|"
     r"(?:until|till|while|whilst|before|after|in case|when)(?= (?:i|we|he|she|they|my \w+) (?!am\b|are\b)\w+))\b)"
 )
@@ -90,6 +90,8 @@ _REASON: Final = re.compile(
     r"^\W*(?:so(?: that)?|because|cause|cos|as|since|until|till|while|whilst|before|after|in case|when)"
     r"\s+(?:i|we|he|she|they|my|our|his|her|people|somebody|someone)\b"
     r"(?!\s+(?:want|need|would like)\b)"
+    r"|^\W*(?:i|we) (?:want|need|would like|have) to (?:see|check|inspect) "
+    r"(?:which ones|whether|if|how (?!many|much|far))\b"
 )
 _WISH: Final = re.compile(
     r"^(?!.*\b(?:not|no|never|nor|except|but|only|unless|avoid|without|instead|you|ones?|other|first|last|then|"

@@ -200,6 +200,57 @@ def test_questions_logic_and_relations(said: str, program: str) -> None:
     assert read_command(said, labels).program == program
 
 
+@pytest.mark.parametrize(
+    ("said", "program"),
+    [
+        ("how many chairs are in the kitchen and the bedroom together?",
+         'tell(inside(things("chair"), union(room("kitchen"), room("bedroom"))), "count")'),
+        ("go to the chairs next to the couch except the one furthest to the left",
+         'for chair in minus(near(things("chair"), "couch"), first(order(near(things("chair"), "couch"), '
+         '"left"))):\n'
+         '    robot.move_to_object(chair)'),
+        ("go to a chair, but not in the bedrooms",
+         'robot.move_to_object(minus(things("chair"), inside(things("chair"), rooms("bedroom"))))'),
+        ("if the plant is on the table, stop there, otherwise go to the couch",
+         'plant = on(things("potted plant"), the(things("dining table")))\n'
+         'if count(plant) > 0:\n'
+         '    robot.move_to_object(plant)\n'
+         'else:\n'
+         '    robot.move_to_object("couch")'),
+        ("go to the chair at the couch which is nearest to the plant",
+         'robot.move_to_object(nearest(near(things("chair"), "couch", 3), 1, "potted plant"))'),
+        ("turn round and go to the chair behind you", 'robot.move_to_object(side(things("chair"), "behind"))'),
+        ("turn left and go to the chair behind you",
+         'robot.turn(-90)\n'
+         'robot.move_to_object(side(things("chair"), "behind"))'),
+        ("visit the tables: first the one in the kitchen, then the one in the hall",
+         'robot.move_to_object(inside(things("dining table"), room("kitchen")))\n'
+         'robot.move_to_object(inside(things("dining table"), room("hall")))'),
+        ("on the table, what is between the couch and the plant?",
+         'tell(on(between(things("anything"), "couch", "potted plant"), the(things("dining table"))), '
+         '"what")'),
+        ("which chair is the one in the middle?", 'tell(first(order(things("chair"), "middle")), "which")'),
+        ("the chair that stands on the floor", 'robot.move_to_object(at(things("chair"), "floor"))'),
+        ("before to go to the couch, pass by the plant",
+         'robot.move_to_object("potted plant")\n'
+         'robot.move_to_object("couch")'),
+        ("set your heading to due west", 'robot.turn_absolute(270)'),
+        ("which of the chairs is the farthest away from you?", 'tell(first(order(things("chair"), "far")), "which")'),
+        ("somewhere soft to sit", 'robot.move_to_object("couch")'),
+        ("I left my keys on the chair with the plant on it, would you go there?",
+         'chair = first(under(things("chair"), "potted plant"))\n'
+         'robot.move_to_object(chair)'),
+        ("go to the couch first and then to the chair in the other room",
+         'robot.move_to_object("couch")\n'
+         'robot.move_to_object(minus(things("chair"), inside(things("chair"), room())))'),
+        ("run this milk over to the couch", 'robot.move_to_object("couch")'),
+    ],
+)  # fmt: skip
+def test_what_a_clause_speaks_of_is_what_english_makes_it(said: str, program: str) -> None:
+    labels = {"chair": 3, "dining table": 2, "couch": 1, "potted plant": 1}
+    assert read_command(said, labels).program == program
+
+
 def test_a_verb_takes_a_bare_name_unless_it_would_move_the_thing() -> None:
     for said in ("move chair", "move the chair to the couch", "go sofa the"):
         with pytest.raises(CommandError, match="Not understood"):
