@@ -788,13 +788,14 @@ def _how_many(np: Phrase, post: Sequence[Parts] = ()) -> Steps:
     return _told(refine(np, [part for parts in post for part in parts]), "count")
 
 
-@_rule("question", "relation COMMA? question", cost=0.1)
+@_rule("question", "relation COMMA? question", cost=0.4)
 def _asked_there(relation: Parts, question: Steps) -> Steps:
     """Read "in the kitchen how many windows are there?", "on the shelf, is the vase left of the bag?"."""
     step = question[0]
     if len(question) > 1 or not isinstance(step, Do) or not step.phrases or not (first := step.phrases[0]).base:
         raise CommandError("")
-    if first.is_room or first.base in (ONE, SAME):
+    compared = "count(" in step.lines[0] or "minus(" in first.text  # "more cups than bottles", "what else"
+    if first.is_room or first.base in (ONE, SAME) or compared:
         raise CommandError("")
     chosen = first.text.startswith(("first(", "nth(", "nearest(", "farthest(", "last("))  # the nearest of those there
     there = refine(replace(first, text=first.base, whole="") if chosen else first, relation)
