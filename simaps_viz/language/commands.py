@@ -60,6 +60,10 @@ _PLACING: Final = frozenset(["NEAR", "ON", "IN", "AT", "BY", "UNDER", "BEHIND", 
 _JOINING: Final = frozenset({",", ";", ":", "and", "then", "so", "but", "or"})
 _OPENS: Final = frozenset(["TO", "TOWARD", "NEAR", "AT", "IN", "ON", "BY", "FOR", "FROM", "AND", "THEN"])
 _DETERMINERS: Final = frozenset(["DET", "INDEF", "EVERY"])
+_NOT_LAST: Final = frozenset(
+    ("nearest", "closest", "farthest", "next", "to", "from", "of", "at", "by", "with", "than", "near", "beside")
+)
+"""Words that no command offered ends with: they announce what was cut off."""
 _LOST: Final = frozenset(["left", "lost", "put", "forgot", "forgotten", "dropped", "misplaced"])
 _FOUND: Final = frozenset(["somebody", "someone"])
 """Who left a thing where it still is: "somebody left a cup on the table"."""
@@ -248,7 +252,7 @@ def instead(text: str, labels: Sequence[str] | Mapping[str, int]) -> tuple[str, 
         [(*words[:at], *(number(plain(other)).split() if other else ()), *words[end:]) for other in others]
         for others in ([*near, *vocabulary.kin(name)], frequent)
     )
-    before = readable(words[:n] for n in range(at, 1, -1))
+    before = readable(words[:n] for n in range(at, 1, -1) if words[n - 1] not in _NOT_LAST)
     found = [*readable(likely)] or [*islice(before, 1)] or [*readable(often if is_thing else ())]
     return tuple(dict.fromkeys(found))[:MAX_SUGGESTIONS]
 

@@ -237,6 +237,7 @@ def test_words_not_understood_are_named_with_examples_that_work(simap, said: str
         ("go to the shiny chair", ("go to the chair",)),  # without the word
         ("go to the couch and then fly to the moon", ("go to the couch",)),  # as far as it was understood
         ("go to the chair by the bathtub", ("go to the chair",)),  # which the map has not
+        ("go to the chair nearest to the piano", ("go to the chair",)),  # and not "nearest to"
         ("face the bench", ("face the chair", "face the couch", "face the dining table")),  # of its kind
         ("visit all benches", ("visit all chairs", "visit all couches", "visit all dining tables")),
         (

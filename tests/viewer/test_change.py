@@ -20,6 +20,7 @@ from simaps_viz.evaluation.two_maps import TRUTH, Source, compare_two
 from simaps_viz.mapping.simap import repartition
 from simaps_viz.viewer.page.shared import keep_numbers, same_instances
 from simaps_viz.viewer.panels import map as map_panel
+from simaps_viz.viewer.panels.command import CommandPanel
 from simaps_viz.viewer.panels.compare import MethodPanel, item_text, method_panel
 from simaps_viz.viewer.panels.instance import FindBox
 from simaps_viz.viewer.panels.map import FAINT, MapPanel, change_text, changes_between, specks_on
@@ -261,6 +262,7 @@ def test_specks_are_faint_and_not_counted_by_thresholds_that_a_person_moves(monk
         assert {one.id for one in chairs} < specks_on(session)
         assert "one of 2, and 1 speck" in facts_html(session.simap, chairs[0], {chairs[0].id})
         assert "one of 3 specks" in facts_html(session.simap, chairs[0], specks_on(session))
+        assert session.panels[CommandPanel]._of_them_specks([one.id for one in chairs]) == "The 3 are 0, and 3 specks."
         session.panels[FindBox]._box.value = "chair"
         session.panels[FindBox]._typed()
         assert "chair: 3 specks. Enter" in session.panels[FindBox]._status.content

@@ -1,5 +1,6 @@
 """The command panel without a browser: words, steps, labels, and a robot that is told things on a served page."""
 
+import math
 import re
 import threading
 import time
@@ -308,6 +309,19 @@ def test_marks_of_an_answer_end_as_the_next_command_is_typed_and_as_another_thin
         panel._send(paused=False)
         until(lambda: "Done" in shown(bench))
         assert session.selected is None
+
+
+def test_go_waits_for_the_keys_that_the_browser_still_holds_back(monkeypatch):
+    with toy_workbench(real_services()) as bench, fake_page(bench):
+        panel = mine(bench).panels[CommandPanel]
+        panel._text.value, panel._typed_at = "go to the couch 9", math.inf  # just now, however slow the machine is
+        arrives = SimpleNamespace(
+            monotonic=time.monotonic, sleep=lambda _: setattr(panel._text, "value", "turn around")
+        )
+        monkeypatch.setattr("simaps_viz.viewer.panels.command.time", arrives)
+        panel._pressed("Go")
+        until(lambda: "Done" in shown(bench))
+        assert [past.command for past in panel._past] == ["turn around"]
 
 
 def test_a_hanging_model_holds_nothing_up_and_stop_ends_the_wait():

@@ -2,8 +2,10 @@
 
 import contextlib
 import functools
+import math
 import re
 import threading
+import time
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from html import escape
@@ -51,6 +53,8 @@ from simaps_viz.viewer.scene.annotations import Label, label_of
 from simaps_viz.viewer.scene.camera import SLANT, Follower
 from simaps_viz.viewer.scene.map_scene import Style
 
+_KEYS_LATE_S = 0.1
+"""The browser holds back what is typed for up to 50 ms, but not the press of a button."""
 _NTH = ("", "", "second ", "third ", "fourth ", "fifth ", "sixth ", "seventh ", "eighth ", "ninth ", "tenth ")
 _MAX_LISTED = 4
 _CHOOSERS = [*FUNCTIONS, *(name for name, primitive in PRIMITIVES.items() if primitive.kind == "lookup")]
@@ -748,7 +752,9 @@ class CommandPanel(Panel):
         Without that service, or for goals of several classes, the goals are numbered in their order.
         """
         if answer.answer is not None:
-            return goal_labels(simap, answer.goals) or answer_labels(simap, answer.answer["instances"]), ()
+            told, value = answer.answer["instances"], answer.answer["value"]
+            counted = self._of_them_specks(told) if type(value) is int and value == len(told) else ""
+            return goal_labels(simap, answer.goals) or answer_labels(simap, told), tuple(filter(None, [counted]))
         labels = {goal.label for goal in answer.goals if goal.label}
         mixed = any(goal.other_label or not goal.label for goal in answer.goals)
         if self._services.candidates is None or mixed or len(labels) != 1:
@@ -756,10 +762,13 @@ class CommandPanel(Panel):
         candidates = in_asked_order(answer, self._services.candidates(simap, labels.pop(), self._page.pose))
         chosen = {goal.instance or 0 for goal in answer.goals}
         why = why_text(answer, candidates, self._page.pose)
-        faint = len(specks_on(self._page) & {one.instance.id for one in candidates})
-        if faint and why and len(candidates) > 1:
-            why += f" The {len(candidates)} are {len(candidates) - faint}, and {plural(faint, 'speck')}."
+        why = " ".join(filter(None, [why, why and self._of_them_specks([one.instance.id for one in candidates])]))
         return candidate_labels(candidates, chosen), tuple(filter(None, (why, beyond_text(simap, answer))))
+
+    def _of_them_specks(self, ids: Collection[int]) -> str:
+        """Say how many of several objects the legend counts as specks; empty where none is one."""
+        faint = len(specks_on(self._page) & set(ids))
+        return f"The {len(ids)} are {len(ids) - faint}, and {plural(faint, 'speck')}." if faint and len(ids) > 1 else ""
 
     def _moved(self, pose: Pose2, share: float, leg: int) -> None:
         self._page.pose = pose
@@ -935,6 +944,7 @@ class CommandPanel(Panel):
         self._text = gui.add_text(
             "Command", "", multiline=True, hint="In plain English, or a program; Enter sends it.", disabled=not enabled
         )
+        self._typed_at = -math.inf
         by_person(self._text, self._typed)
         self._run = gui.add_button_group(
             "Run",
@@ -1005,6 +1015,7 @@ class CommandPanel(Panel):
             self.give(self._instead[number])
 
     def _typed(self) -> None:
+        self._typed_at = time.monotonic()
         text = str(self._text.value)
         command = entered(text)
         if command is not None:
@@ -1038,6 +1049,8 @@ class CommandPanel(Panel):
         elif self._phase in ("driving", "paused"):
             self.pause()
         else:
+            if time.monotonic() - self._typed_at < _KEYS_LATE_S:  # the last keys may come after the press
+                time.sleep(_KEYS_LATE_S)
             self._send(paused=name == "Step")
 
     def _send(self, *, paused: bool) -> None:
