@@ -788,7 +788,7 @@ def _how_many(np: Phrase, post: Sequence[Parts] = ()) -> Steps:
     return _told(refine(np, [part for parts in post for part in parts]), "count")
 
 
-@_rule("question", "relation COMMA? question", cost=0.4)
+@_rule("question", "!(WHERE | WITH | THAT) relation COMMA? question", cost=0.4)
 def _asked_there(relation: Parts, question: Steps) -> Steps:
     """Read "in the kitchen how many windows are there?", "on the shelf, is the vase left of the bag?"."""
     step = question[0]
