@@ -12,7 +12,7 @@ from scans_clouds import cloud_of, lidar, pcd, ply
 from sequences import write_tiny_sequence
 
 from simaps_viz import open_sequence
-from simaps_viz.datasets.calibration import pose_rows, read_intrinsics
+from simaps_viz.datasets.calibration import matrix16, pose_rows, read_intrinsics
 from simaps_viz.datasets.clouds import read_pcd, read_ply
 from simaps_viz.datasets.images import read_color, read_depth, read_ids
 from simaps_viz.datasets.manifest import read_manifest
@@ -161,7 +161,8 @@ BAGS = ("ros1_bag", "ros2_sqlite", "ros2_mcap")
 
 READER_TARGETS = (
     Target("manifest", tiny_file("sequence.json", read_manifest), weight=200, guided=True),
-    Target("poses", tiny_file("poses.txt", pose_rows), weight=120, guided=True),
+    Target("poses", tiny_file("poses.txt", lambda p: [matrix16(*row) for row in pose_rows(p).values()]), weight=120,
+           guided=True),
     Target("intrinsics", tiny_file("intrinsics.txt", lambda p: read_intrinsics(p, width=32, height=24)), weight=120,
            guided=True),
     Target("segment table", tiny_file("segments.json", lambda p: read_frame_segments(p, ["0010", "0011"])), weight=100,

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from simaps_viz.checking.agreement import Views, relative_poses, residuals
 from simaps_viz.datasets.association import interpolate_poses
-from simaps_viz.datasets.calibration import camera_matrix, pose_rows
+from simaps_viz.datasets.calibration import camera_matrix, matrix16, pose_rows
 from simaps_viz.datasets.file_frames import MAX_STEP, check_size
 from simaps_viz.datasets.images import read_color, read_depth
 from simaps_viz.datasets.manifest import Manifest, read_manifest
@@ -261,7 +261,7 @@ def _posed_frames(manifest: Manifest) -> Recording:
 
 
 def _read_matrices(path: Path) -> tuple[tuple[str, ...], NDArray]:
-    rows = pose_rows(path)
+    rows = {name: (where, matrix16(where, found, finite=True)) for name, (where, found) in pose_rows(path).items()}
     for name, (where, matrix) in rows.items():
         if np.allclose(matrix[:, 3], (0, 0, 0, 1), atol=1e-6) and not np.allclose(matrix[3], (0, 0, 0, 1), atol=1e-6):
             raise InputError(f"{where}: expected 0 0 0 1 as the last row, found the matrix written column by column")

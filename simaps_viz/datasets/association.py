@@ -1,6 +1,6 @@
 """Associate what belongs together: by the frame's name or number, or by time; poses are interpolated."""
 
-from collections.abc import Callable, Collection, Hashable, Mapping
+from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from simaps_viz.datasets.calibration import check_reach, number_rows, pose_rows, rigid, stated_pose
+from simaps_viz.datasets.calibration import check_reach, matrix16, number_rows, numbers, pose_rows, rigid, stated_pose
 from simaps_viz.datasets.file_frames import present
 from simaps_viz.datasets.manifest import few
 from simaps_viz.datasets.recording import left_out
 from simaps_viz.errors import InputError
 
 K = TypeVar("K", bound=Hashable)
+L = TypeVar("L")
 P = TypeVar("P")
 
 
@@ -177,20 +178,44 @@ def match_posed_files(
     Raises:
         InputError: As for `match_frames`, or the pose file is none, or a camera is far away.
     """
-    rows = pose_rows(pose_file, finite=False)
+    rows = {name: (f"{place}, frame {name}", found) for name, (place, found) in pose_rows(pose_file).items()}
     files = {kind: present({name: named(name) for name in rows}) for kind, named in file_of.items()}
     matched = match_frames(
-        pose_file, files, {name: (f"{place}, frame {name}", T) for name, (place, T) in rows.items()},
-        lambda row: row[1], place=lambda row: row[0], checked=stated_pose,
-    )  # fmt: skip
-    check_reach([f"{rows[name][0]}, frame {name}" for name in matched.frames], matched.poses)
+        pose_file, files, rows, lambda row: matrix16(*row), place=lambda row: row[0], checked=stated_pose
+    )
+    check_reach([rows[name][0] for name in matched.frames], matched.poses)
     return matched, [[of_kind[name] for name in matched.frames] for of_kind in files.values()]
+
+
+def read_lines(lines: Sequence[L], read: Callable[[L], P], *, what: str = "poses") -> tuple[list[P], tuple[str, ...]]:
+    """Read each entry of a list, and leave out those that are cut off or damaged.
+
+    Args:
+        lines: the entries as written.
+        read: returns what one of them says; raises InputError, which names its place, where that is nothing.
+        what: they are, for the note.
+
+    Returns:
+        What the others say, and a note on those that were left out, with the first one's error.
+
+    Raises:
+        InputError: More than half of them are damaged.
+    """
+    found, damaged = [], []
+    for line in lines:
+        try:
+            found.append(read(line))
+        except InputError as error:
+            damaged.append(error)
+    if 2 * len(damaged) > len(lines):
+        raise damaged[0]
+    return found, left_out(len(damaged), len(lines), f"{what} are damaged ({damaged[0]})") if damaged else ()
 
 
 def read_trajectory(
     path: Path, columns: int, pose_of: Callable[[str, NDArray], NDArray]
 ) -> tuple[tuple[NDArray, NDArray], tuple[str, ...]]:
-    """Read a file of a time and a pose a line; poses that are damaged are left out.
+    """Read a file of a time and a pose a line; lines that are cut off or damaged are left out.
 
     Args:
         path: the file.
@@ -201,24 +226,20 @@ def read_trajectory(
         Times, strictly ascending, and poses [n, 4, 4]; and a note on what was left out.
 
     Raises:
-        InputError: A line has another number of columns, or more than half of the poses are damaged.
+        InputError: More than half of the lines are damaged, such as by another number of columns.
     """
-    rows, times, poses, damaged = number_rows(path, columns), [], [], []
-    for where, row in rows:
-        try:
-            pose = pose_of(where, row)
-            if not (np.isfinite(row[0]) and np.isfinite(pose).all()):
-                raise InputError(f"{where}: expected finite numbers, found NaN or infinity")
-        except InputError as error:
-            damaged.append(error)
-        else:
-            times.append(row[0])
-            poses.append(pose)
-    if 2 * len(damaged) > len(rows):
-        raise damaged[0]
-    ascending, first = np.unique(times, return_index=True)
-    notes = left_out(len(damaged), len(rows), f"poses are damaged ({damaged[0]})") if damaged else ()
-    return (ascending, np.stack(poses)[first]), notes
+
+    def read(line: tuple[str, list[str]]) -> tuple[float, NDArray]:
+        where, found = line
+        row = numbers(where, found, count=columns)
+        pose = pose_of(where, row)
+        if not (np.isfinite(row[0]) and np.isfinite(pose).all()):
+            raise InputError(f"{where}: expected finite numbers, found NaN or infinity")
+        return float(row[0]), pose
+
+    posed, notes = read_lines(number_rows(path, columns), read)
+    ascending, first = np.unique([time for time, _ in posed], return_index=True)
+    return (ascending, np.stack([pose for _, pose in posed])[first]), notes
 
 
 def posed_pairs(

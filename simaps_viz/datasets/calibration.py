@@ -52,32 +52,25 @@ def read_intrinsics(path: Path, *, width: int, height: int) -> Intrinsics:
     return pinhole(str(path), width, height, K[0, 0], K[1, 1], K[0, 2], K[1, 2])
 
 
-def pose_rows(path: Path, *, finite: bool = True) -> dict[str, tuple[str, NDArray]]:
-    """Read the frames' names and poses as written; blank lines and lines that start with # are skipped.
-
-    Args:
-        path: the file.
-        finite: refuse NaN and infinity.
+def pose_rows(path: Path) -> dict[str, tuple[str, list[str]]]:
+    """Read the frames' names and what is written after them; blank lines and lines that start with # are skipped.
 
     Returns:
-        {frame: (where it stands, float64 [4, 4])}, in the order of the file.
+        {frame: (where it stands, the words of its pose, for `matrix16`)}, in the order of the file.
 
     Raises:
-        InputError: A line has another number of columns, something that is not a finite number or a frame that was
-            there before; or there is no line at all.
+        InputError: A frame was there before or has a name that is none; or there is no line at all.
     """
-    rows: dict[str, tuple[str, NDArray]] = {}
+    rows: dict[str, tuple[str, list[str]]] = {}
     for number, (name, *columns) in words(path):
         where = f"{path}, line {number}"
-        if len(columns) != 16:
-            raise InputError(f"{where}: expected a frame name and 16 numbers, found {len(columns)} after the name")
         check_frame_name(where, name)
         if len(rows) == MAX_FRAMES:
             raise InputError(f"{where}: expected at most {MAX_FRAMES} frames, found more")
         if name in rows:
             first = rows[name][0].rpartition("line ")[2]
             raise InputError(f"{where}: expected each frame once, found {name} again (first in line {first})")
-        rows[name] = (where, numbers(where, columns, finite=finite).reshape(4, 4))
+        rows[name] = (where, columns)
     if not rows:
         raise InputError(f"{path}: expected a pose per frame, found none")
     return rows
@@ -131,8 +124,13 @@ _WINDOWS = re.compile(r"([+-]?)(?:1\.#)?(INF|IND|QNAN|SNAN|NAN)\d*(?:\(ind\)|\(s
 """How programs that Visual C++ compiled print infinity and NaN: -1.#INF, 1.#QNAN0, -nan(ind)."""
 
 
-def numbers(where: str, found: list[str], *, finite: bool = False) -> NDArray:
-    """Turn words to float64 numbers; raises InputError for the first that is none, or not finite where it has to be."""
+def numbers(where: str, found: list[str], *, finite: bool = False, count: int | None = None) -> NDArray:
+    """Turn words to float64 numbers; raises InputError for the first that is none, or not finite where it has to be.
+
+    With ``count``, another number of words is an error, too.
+    """
+    if count is not None and len(found) != count:
+        raise InputError(f"{where}: expected {count} numbers, found {len(found)}")
     values = []
     for word in found:
         try:
@@ -145,17 +143,20 @@ def numbers(where: str, found: list[str], *, finite: bool = False) -> NDArray:
     return np.array(values)
 
 
-def number_rows(path: Path, columns: int) -> list[tuple[str, NDArray]]:
-    """Return (where, float64 [columns]) of each line; raises InputError when one has another number of columns."""
-    rows = []
-    for line, found in words(path, commas=True):
-        where = f"{path}, line {line}"
-        if len(found) != columns:
-            raise InputError(f"{where}: expected {columns} numbers, found {len(found)}")
-        rows.append((where, numbers(where, found)))
+def number_rows(path: Path, columns: int) -> list[tuple[str, list[str]]]:
+    """Return (where, words) of each line, of which there has to be one.
+
+    Whoever turns them to numbers, line by line, can leave out one that is cut off.
+    """
+    rows = [(f"{path}, line {line}", found) for line, found in words(path, commas=True)]
     if not rows:
         raise InputError(f"{path}: expected lines of {columns} numbers, found none")
     return rows
+
+
+def matrix16(where: str, found: list[str], *, finite: bool = False) -> NDArray:
+    """Return the 4x4 matrix of a line; raises InputError unless it has 16 numbers."""
+    return numbers(where, found, finite=finite, count=16).reshape(4, 4)
 
 
 def matrix4(path: Path) -> NDArray:

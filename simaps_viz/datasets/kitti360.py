@@ -55,12 +55,12 @@ def _open(path: Path) -> Recording:
         raise InputError(f"{scans}: expected laser scans (*.bin), as KITTI-360 has no depth images, found none")
     pictures = root / "data_2d_raw" / drive / "image_00" / "data_rect"
     images = {int(file.stem): file for file in numbered(pictures, "[0-9]*.png") if file.stem.isdecimal()}
-    rows, T_pose_camera = _poses(root, drive, R_rect)
+    rows, columns, T_pose_camera = _poses(root, drive, R_rect)
     matched = match_frames(
         root / "data_2d_raw" / drive,
         {"picture": images, "laser scan": clouds},
-        {int(row[0]): (where, row[1:]) for where, row in rows if np.isfinite(row[0])},
-        lambda row: np.vstack([row[1][:12].reshape(3, 4), [0, 0, 0, 1]]),
+        {frame: row for row in rows if (frame := _frame(*row)) is not None},
+        lambda row: _three_rows(numbers(*row, count=columns)[1:]),
         place=lambda row: row[0],
     )
     color_files, cloud_files = matched.of_each(images, clouds)
@@ -128,18 +128,29 @@ def _values(file: Path, key: str, count: int) -> NDArray:
 
 
 def _rigid_file(file: Path) -> NDArray:
-    (where, row), *_ = number_rows(file, 12)
-    return rigid(where, np.vstack([row.reshape(3, 4), [0, 0, 0, 1]]))
+    where, found = number_rows(file, 12)[0]
+    return rigid(where, _three_rows(numbers(where, found, count=12)))
 
 
-def _poses(root: Path, drive: str, R_rect: NDArray) -> tuple[list[tuple[str, NDArray]], NDArray]:
-    """Return the rows of a drive's poses, the first number being the frame, and what takes the camera to them."""
+def _three_rows(values: NDArray) -> NDArray:
+    return np.vstack([values[:12].reshape(3, 4), [0, 0, 0, 1]])
+
+
+def _frame(where: str, line: list[str]) -> int | None:
+    """Return the frame whose pose a line is; None where its first word is no number."""
+    try:
+        return int(numbers(where, line[:1], finite=True)[0])
+    except InputError:
+        return None
+
+
+def _poses(root: Path, drive: str, R_rect: NDArray) -> tuple[list[tuple[str, list[str]]], int, NDArray]:
+    """Return the lines of a drive's poses, how many numbers each has, and what takes the camera to them."""
     of_camera, of_imu = (root / "data_poses" / drive / name for name in ("cam0_to_world.txt", "poses.txt"))
     if of_camera.is_file():
-        return number_rows(of_camera, 17), np.eye(4)
-    values = _values(root / "calibration" / "calib_cam_to_pose.txt", "image_00", 12)
-    T_imu_camera = np.vstack([values.reshape(3, 4), [0, 0, 0, 1]])
-    return number_rows(of_imu, 13), rigid("calib_cam_to_pose.txt: image_00", T_imu_camera) @ invert_pose(R_rect)
+        return number_rows(of_camera, 17), 17, np.eye(4)
+    T_imu_camera = _three_rows(_values(root / "calibration" / "calib_cam_to_pose.txt", "image_00", 12))
+    return number_rows(of_imu, 13), 13, rigid("calib_cam_to_pose.txt: image_00", T_imu_camera) @ invert_pose(R_rect)
 
 
 def _scan(file: Path) -> NDArray:

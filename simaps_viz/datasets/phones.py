@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.datasets.association import match_frames, nearest, posed_pairs, read_trajectory
+from simaps_viz.datasets.association import match_frames, nearest, posed_pairs, read_lines, read_trajectory
 from simaps_viz.datasets.calibration import (
     OPENCV_FROM_OPENGL,
     Lens,
@@ -91,7 +91,8 @@ def _times(files: list[Path]) -> NDArray:
 
 
 def _arkit_lens(path: Path) -> Lens:
-    where, (width, height, fx, fy, cx, cy) = number_rows(path, 6)[0]
+    where, found = number_rows(path, 6)[0]
+    width, height, fx, fy, cx, cy = numbers(where, found, count=6)
     if not np.isfinite([width, height]).all():
         raise InputError(f"{where}: expected finite numbers, found {width:g} and {height:g}")
     return Lens(pinhole(str(path), int(width), int(height), fx, fy, cx, cy))
@@ -198,7 +199,7 @@ def _is_stray(path: Path) -> bool:
 
 def _open_stray(path: Path) -> Recording:
     table = path / "odometry.csv"
-    rows = _rows(table)
+    rows, damaged = _rows(table)
     video = Video(path / "rgb.mp4")
     files = [path / "depth" / f"{int(row['frame']):06d}.png" for _, row in rows]
     kept = [
@@ -220,21 +221,28 @@ def _open_stray(path: Path) -> Recording:
         path,
         poses=np.stack([_stray_pose(*rows[i]) for i in kept]),
         stored=lambda i: (video.path, depths[i]),
-        faults=left_out(len(rows) - len(kept), len(rows), "poses have no picture in rgb.mp4, or no depth image"),
+        faults=(
+            *damaged,
+            *left_out(len(rows) - len(kept), len(rows), "poses have no picture in rgb.mp4, or no depth image"),
+        ),
     )
 
 
 STRAY_READER = Reader(STRAY, _is_stray, _open_stray)
 
 
-def _rows(path: Path) -> list[tuple[str, dict[str, float]]]:
-    """Return (where, numbers by column) of each line; newer versions of the app write more columns, some empty."""
+def _rows(path: Path) -> tuple[list[tuple[str, dict[str, float]]], tuple[str, ...]]:
+    """Return (where, numbers by column) of each line, and a note on damaged ones.
+
+    Newer versions of the app write more columns, some empty.
+    """
     lines = _lines(path)
     names = lines[0][1] if lines else []
     if not set(_COLUMNS) <= set(names):
         raise InputError(f"{path}: expected columns {', '.join(_COLUMNS)} in the first line, found {names[:12]}")
-    rows = []
-    for where, found in lines[1:]:
+
+    def read(line: tuple[str, list[str]]) -> tuple[str, dict[str, float]]:
+        where, found = line
         if len(found) != len(names):
             raise InputError(f"{where}: expected {len(names)} numbers, found {len(found)}")
         known = {name: word for name, word in zip(names, found, strict=True) if name in _COLUMNS + _CAMERA}
@@ -242,8 +250,11 @@ def _rows(path: Path) -> list[tuple[str, dict[str, float]]]:
         row = dict(zip(known, numbers(where, stated).tolist(), strict=True))
         if not 0 <= row["frame"] < MAX_FRAMES:
             raise InputError(f"{where}: frame: expected a whole number below {MAX_FRAMES}, found {row['frame']:g}")
-        rows.append((where, row))
-    return rows
+        if all(math.isfinite(row[name]) for name in _COLUMNS):
+            _stray_pose(where, row)
+        return where, row
+
+    return read_lines(lines[1:], read)
 
 
 def _lines(path: Path) -> list[tuple[str, list[str]]]:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.datasets.association import read_lines
 from simaps_viz.datasets.calibration import Lens, matrix_lens, numbers, rigid, words
 from simaps_viz.datasets.file_frames import FileFrames, depth_png, json_number, numbered
 from simaps_viz.datasets.images import image_size
@@ -36,7 +37,7 @@ def _open(path: Path) -> Recording:
     assert log is not None and colors is not None
     color_files = [f for f in numbered(colors, "*.*") if f.suffix.lower() in (".jpg", ".jpeg", ".png")]
     pairs = _paired(path, color_files, numbered(path / "depth", "*.png"))
-    poses = _poses(log)
+    poses, damaged = _poses(log)
     if max(poses) >= len(pairs):
         raise InputError(f"{log}: expected a pose per picture, found one of number {max(poses)} for {len(pairs)}")
     posed = {number: T for number, T in poses.items() if np.isfinite(T).all()}
@@ -50,9 +51,10 @@ def _open(path: Path) -> Recording:
     return files.recording(
         FACTS,
         path,
-        poses=np.stack([rigid(f"{log}: pose {number}", T) for number, T in posed.items()]),
+        poses=np.stack(list(posed.values())),
         depth_unit_m=unit_m,
         notes=(*notes, *left_out(len(pairs) - len(posed), len(pairs), f"pictures have no pose in {log.name}")),
+        faults=damaged,
     )
 
 
@@ -80,25 +82,30 @@ def _paired(path: Path, color_files: list[Path], depth_files: list[Path]) -> lis
     return pairs
 
 
-def _poses(log: Path) -> dict[int, NDArray]:
-    """Return {number of the picture: pose [4, 4]}; the first of the three numbers before a matrix is the picture's.
+def _poses(log: Path) -> tuple[dict[int, NDArray], tuple[str, ...]]:
+    """Return {number of the picture: pose [4, 4]}, which may not be finite, and a note on damaged poses.
 
-    Where those are no picture's numbers (all the same, as some programs write), poses are in the pictures' order.
+    The first of the three numbers before a matrix is the picture's. Where those are no picture's numbers (all the
+    same, as some programs write), poses are in the pictures' order.
     """
     lines = words(log)
-    if not lines or len(lines) % 5:
-        raise InputError(f"{log}: expected five lines a pose, found {len(lines)} lines")
-    named, matrices = [], []
-    for start in range(0, len(lines), 5):
-        line, head = lines[start]
-        rows = [numbers(f"{log}, line {n}", row) for n, row in lines[start + 1 : start + 5]]
-        if len(head) not in (1, 2, 3) or any(len(row) != 4 for row in rows):
-            raise InputError(f"{log}, line {line}: expected three numbers and a 4x4 matrix, found something else")
-        named.append(float(numbers(f"{log}, line {line}", head, finite=True)[0]))
-        matrices.append(np.array(rows))
+
+    def read(start: int) -> tuple[int, float, NDArray]:
+        (line, head), *rows = lines[start : start + 5]
+        where = f"{log}, line {line}"
+        if len(head) not in (1, 2, 3) or [len(row) for _, row in rows] != [4, 4, 4, 4]:
+            raise InputError(f"{where}: expected three numbers and a 4x4 matrix, found something else")
+        number = float(numbers(where, head, finite=True)[0])
+        T = np.array([numbers(f"{log}, line {n}", row) for n, row in rows])
+        return start // 5, number, rigid(where, T) if np.isfinite(T).all() else T
+
+    if not lines:
+        raise InputError(f"{log}: expected five lines a pose, found none")
+    poses, damaged = read_lines(range(0, len(lines), 5), read)
+    named = [number for _, number, _ in poses]
     own = len(set(named)) == len(named) and all(n.is_integer() and n >= 0 for n in named)
-    order = [int(n) for n in named] if own else list(range(len(named)))
-    return dict(sorted(zip(order, matrices, strict=True), key=lambda item: item[0]))
+    by_number = {int(number) if own else place: T for place, number, T in poses}
+    return dict(sorted(by_number.items())), damaged
 
 
 def _camera(path: Path, size: tuple[int, int]) -> tuple[Lens, float, tuple[str, ...]]:

@@ -15,7 +15,15 @@ from numpy.typing import NDArray
 
 from simaps_viz.colors.classes import is_thing
 from simaps_viz.datasets.association import match_frames
-from simaps_viz.datasets.calibration import OPENCV_FROM_OPENGL, Lens, from_quaternion, number_rows, pinhole
+from simaps_viz.datasets.calibration import (
+    OPENCV_FROM_OPENGL,
+    Lens,
+    from_quaternion,
+    matrix16,
+    number_rows,
+    numbers,
+    pinhole,
+)
 from simaps_viz.datasets.file_frames import (
     FileFrames,
     by_line,
@@ -61,8 +69,8 @@ def _open_replica(path: Path) -> Recording:
         path,
         {"depth image": depth, "colour image": color},
         rows,
-        lambda r: r[1].reshape(4, 4),
-        place=lambda r: r[0],
+        lambda row: matrix16(*row),
+        place=lambda row: row[0],
     )
     depth_files, color_files = matched.of_each(depth, color)
     lens, unit_m = _replica_camera(path)
@@ -88,12 +96,12 @@ def _replica_camera(path: Path) -> tuple[Lens, float]:
     content = read_json(file)
     values = content.get("camera") if isinstance(content, dict) else None
     where = f"{file}: camera"
-    numbers = {key: json_number(where, values, key) for key in ("w", "h", "fx", "fy", "cx", "cy", "scale")}
-    scale = numbers.pop("scale")
+    stated = {key: json_number(where, values, key) for key in ("w", "h", "fx", "fy", "cx", "cy", "scale")}
+    scale = stated.pop("scale")
     if scale <= 0:
         raise InputError(f"{where}: scale: expected steps a metre, more than 0, found {scale:g}")
-    width, height = int(numbers.pop("w")), int(numbers.pop("h"))
-    return Lens(pinhole(where, width, height, **numbers)), 1 / scale
+    width, height = int(stated.pop("w")), int(stated.pop("h"))
+    return Lens(pinhole(where, width, height, **stated)), 1 / scale
 
 
 HABITAT = FormatFacts(
@@ -147,7 +155,8 @@ def _open_habitat(path: Path) -> Recording:
 HABITAT_READER = Reader(HABITAT, _is_habitat, _open_habitat)
 
 
-def _camera_pose(where: str, row: NDArray) -> NDArray:
+def _camera_pose(where: str, found: list[str]) -> NDArray:
+    row = numbers(where, found, count=7)
     if not np.isfinite(row).all():
         return np.full((4, 4), row.sum())  # infinite or NaN, as the row is
     T_world_base = from_quaternion(where, row[:3], row[3:])

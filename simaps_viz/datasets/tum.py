@@ -14,11 +14,12 @@ picture. All these folders have to hold their camera.
 import os
 import re
 from pathlib import Path
+from statistics import mode
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.datasets.association import interpolate_poses, match_frames, posed_pairs, read_trajectory
+from simaps_viz.datasets.association import interpolate_poses, match_frames, posed_pairs, read_lines, read_trajectory
 from simaps_viz.datasets.calibration import (
     Lens,
     from_quaternion,
@@ -154,7 +155,12 @@ SLAM_READER = Reader(SLAM, _is_slam, _open_slam)
 
 def _open_numbered(path: Path) -> Recording:
     """Open pictures whose poses are in the order of their numbers, which start at 0 or 1."""
-    rows = _numbered_rows(_first(path, NUMBERED) or path / NUMBERED[0])
+    poses_file = _first(path, NUMBERED) or path / NUMBERED[0]
+    columns = _columns(poses_file) or NUMBERED_COLUMNS[0]
+    if columns not in NUMBERED_COLUMNS:
+        expected = "lines of 7 numbers (position, quaternion x y z w) or of a matrix of 12 or 16"
+        raise InputError(f"{poses_file}: expected {expected}, found {columns}")
+    rows = number_rows(poses_file, columns)
     folders = path / "depth", _pictures(path)
     files = [numbered(folder, DEPTH_IMAGES) or numbered(folder, "*.jpg") for folder in folders]
     first = min((int(number_of(file)) for file in files[0]), default=0)
@@ -163,7 +169,7 @@ def _open_numbered(path: Path) -> Recording:
         path,
         {"depth image": depth, "picture": color},
         dict(enumerate(rows)),
-        lambda row: _numbered_pose(*row),
+        lambda row: _numbered_pose(row[0], numbers(*row, count=columns)),
         place=lambda row: row[0],
     )
     depth_files, color_files = matched.of_each(depth, color)
@@ -176,22 +182,13 @@ def _open_numbered(path: Path) -> Recording:
     )
 
 
-def _numbered_rows(path: Path) -> list[tuple[str, NDArray]]:
-    """Return the lines of a trajectory without times, all as long as the first."""
-    columns = _columns(path) or NUMBERED_COLUMNS[0]
-    if columns not in NUMBERED_COLUMNS:
-        expected = "lines of 7 numbers (position, quaternion x y z w) or of a matrix of 12 or 16"
-        raise InputError(f"{path}: expected {expected}, found {columns}")
-    return number_rows(path, columns)
-
-
 def _columns(path: Path) -> int:
-    """Return how many words the first line of a text has; 0 when there is none or it cannot be read."""
+    """Return how many words most lines of a text have; 0 when there is none or it cannot be read."""
     try:
         lines = words(path, commas=True)
     except InputError:
         return 0
-    return len(lines[0][1]) if lines else 0
+    return mode(len(line) for _, line in lines) if lines else 0
 
 
 def _numbered_pose(where: str, values: NDArray) -> NDArray:
@@ -238,18 +235,24 @@ def _is_trajectory(path: Path) -> bool:
     except InputError:  # a text of another kind
         return False
     number = re.compile(r"[-+.\de]+|[-+]?(nan|inf)", re.IGNORECASE)
-    return len(lines) > 1 and all(len(line) == 8 and all(map(number.fullmatch, line)) for line in lines)
+    posed = [len(line) == 8 and all(map(number.fullmatch, line)) for line in lines]
+    return len(lines) > 1 and 2 * sum(posed) > len(lines)
 
 
 def _image_list(path: Path) -> tuple[NDArray, list[Path], tuple[str, ...]]:
     """Read the times and files of a list, by time, and a note on the files that are not there."""
-    times: dict[Path, float] = {}
-    for place, (line, found) in enumerate(words(path)):
-        if place == 0 and found[:1] == ["timestamp"]:  # the names of the columns, which others write without #
-            continue
+
+    def read(numbered_line: tuple[int, list[str]]) -> tuple[Path, float]:
+        line, found = numbered_line
         if len(found) != 2:
             raise InputError(f"{path}, line {line}: expected a time and a file, found {len(found)} words")
-        times[path.parent / found[1]] = numbers(f"{path}, line {line}", found[:1], finite=True)[0]
+        return path.parent / found[1], float(numbers(f"{path}, line {line}", found[:1], finite=True)[0])
+
+    lines = words(path)
+    if lines and lines[0][1][:1] == ["timestamp"]:  # the names of the columns, which others write without #
+        del lines[0]
+    listed, damaged = read_lines(lines, read, what=f"lines of {path.name}")
+    times = dict(listed)
     there = present({file: file for file in times})
     if not there:
         found = f"{len(times)} of which none is there" if times else "none"
@@ -257,7 +260,7 @@ def _image_list(path: Path) -> tuple[NDArray, list[Path], tuple[str, ...]]:
     files = sorted(there, key=times.__getitem__)
     lost = [file.name for file in times if file not in there]
     notes = left_out(len(lost), len(times), f"files of {path.name} are not there ({few(lost)})")
-    return np.array([times[file] for file in files]), files, notes
+    return np.array([times[file] for file in files]), files, (*damaged, *notes)
 
 
 def _first(path: Path, names: tuple[str, ...]) -> Path | None:
@@ -270,21 +273,25 @@ def _pairs(path: Path) -> tuple[tuple[NDArray, NDArray], list[Path], list[Path],
 
     Either may come first in a line.
     """
-    rows = []
-    for line, found in words(path):
+
+    def read(numbered_line: tuple[int, list[str]]) -> tuple[NDArray, tuple[str, ...]]:
+        line, found = numbered_line
         where = f"{path}, line {line}"
         if len(found) != 4:
             raise InputError(f"{where}: expected time, file, time, file, found {len(found)} words")
         both = numbers(where, [found[0], found[2]], finite=True), (found[1], found[3])
         first, second = ("depth" in name.lower() for name in both[1])
-        rows.append((both[0][::-1], both[1][::-1]) if first and not second else both)  # colour, then depth
+        return (both[0][::-1], both[1][::-1]) if first and not second else both  # colour, then depth
+
+    rows, damaged = read_lines(words(path), read, what=f"lines of {path.name}")
     named = [(stamps, path.parent / color, path.parent / depth) for stamps, (color, depth) in rows]
     there = [row for row in named if os.path.isfile(row[1]) and os.path.isfile(row[2])]
     if not there:
         raise InputError(f"{path}: expected lines of time, file, time, file with files that are there, found none")
     stamps = np.array([stamps for stamps, _, _ in there])
     missing = left_out(len(rows) - len(there), len(rows), f"pairs of {path.name} lack a file")
-    return (stamps[:, 1], stamps[:, 0]), [color for _, color, _ in there], [depth for _, _, depth in there], missing
+    files = [color for _, color, _ in there], [depth for _, _, depth in there]
+    return (stamps[:, 1], stamps[:, 0]), *files, (*damaged, *missing)
 
 
 CAMERAS: dict[str, tuple[float, ...]] = {

@@ -372,7 +372,7 @@ def test_every_convention_is_undone_by_its_own_reading() -> None:
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("000 1 0 0", "expected a frame name and 16 numbers, found 3"),
+        ("000 1 0 0", "line 1: expected 16 numbers, found 3"),
         ("000 " + "1 " * 16, "expected an orthonormal rotation"),
         ("000 1 0 0 nan 0 1 0 0 0 0 1 0 0 0 0 1", "expected finite numbers"),
         ("000 1 0 0 0 0 1 0 0 0 0 1 0 1 2 3 1", "column by column"),

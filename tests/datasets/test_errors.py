@@ -156,7 +156,7 @@ ON_OPENING = {
     "tall": (camera(fy=2), "intrinsics.txt", "vertical field of view", "161"),
     "no poses": (remove("poses.txt"), "poses.txt", "a text file", "No such file"),
     "empty poses": (text("poses.txt", "# none yet\n"), "poses.txt", "a pose per frame", "none"),
-    "13 columns": (pose(3, lambda words: words[:13]), "poses.txt, line 3", "16 numbers", "12 after the name"),
+    "13 columns": (pose(3, lambda words: words[:13]), "poses.txt, line 3", "16 numbers", "12"),
     "NaN": (pose(3, put(4, "nan")), "poses.txt, line 3", "finite", "NaN"),
     "no number": (pose(3, put(4, "1,5")), "poses.txt, line 3", "numbers", "'1,5'"),
     "twice": (pose(3, put(0, FIRST)), "poses.txt, line 3", "each frame once", f"{FIRST} again (first in line 1)"),

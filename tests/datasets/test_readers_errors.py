@@ -11,9 +11,10 @@ from rosbags.typesys import Stores
 from scans import FRAMES, Sample
 from scans_apps import record3d_folder, record3d_zip
 from scans_bags import COLOR, DEPTH, Messages, entries, ros1_bag, ros2_mcap, ros2_sqlite, write_bag1
-from scans_clouds import lidar
+from scans_clouds import kitti360, lidar
 from scans_folders import arkit, bundle_fusion, habitat, nerfstudio, polycam, replica, scannet, sens, seven_scenes, tum
 from scans_rerun import rerun_rrd
+from scans_slam import matrix_lines, pose_lines, redwood, slam_folder, stray_scanner
 
 from simaps_viz import open_sequence
 from simaps_viz.cli.main import main
@@ -74,11 +75,12 @@ def panorama(content: dict) -> None:
 
 
 ARKIT = "41069021_frames"
+KITTI_POSES = "data_poses/2013_05_28_drive_0000_sync/cam0_to_world.txt"
 FAULTS: list[tuple[Callable[[Path], Sample], Change, str, str, str]] = [
     (tum, lines("groundtruth.txt", lambda x: x[:2]), "groundtruth.txt", "lines of 8 numbers", "none"),
-    (tum, lines("groundtruth.txt", lambda x: [*x, "1 2 3"]), "groundtruth.txt, line 29", "8 numbers", "3"),
+    (tum, lines("groundtruth.txt", lambda x: [f"{y} 0" for y in x]), "groundtruth.txt, line 3", "8 numbers", "9"),
     (tum, lines("groundtruth.txt", lambda x: [y.replace(" 0", " 3") for y in x]), "line 3", "of length 1", ""),
-    (tum, lines("depth.txt", lambda x: [*x, "100"]), "depth.txt, line 7", "a time and a file", "1 words"),
+    (tum, lines("depth.txt", lambda x: [y.split()[0] for y in x]), "depth.txt, line 2", "a time and a file", "1 words"),
     (tum, lines("rgb.txt", lambda x: ["5000 " + x[1].split()[1]]), "seats", "of about the same time", "5 depth images"),
     (tum, lines("rgb.txt", lambda x: [y + "s" for y in x]), "rgb.txt", "a time and a file", "4 of which none is there"),
     (bundle_fusion, each("*.pose.txt", lambda file: file.unlink()), "data", "with depth image, colour", "0 poses"),
@@ -104,7 +106,12 @@ FAULTS: list[tuple[Callable[[Path], Sample], Change, str, str, str]] = [
     (nerfstudio, values("transforms.json", lambda c: c.pop("fl_x")), "fl_x", "a number", "none"),
     (nerfstudio, text("transforms.json", "{"), "transforms.json", "JSON", "line 1"),
     (habitat, text("obj2cls_dict.txt", "chair 5"), "obj2cls_dict.txt, line 1", "object:class,name", "chair 5"),
-    (arkit, lines(f"{ARKIT}/lowres_wide.traj", lambda x: [*x, "1 2"]), "lowres_wide.traj, line 9", "7 numbers", "2"),
+    (arkit, lines(f"{ARKIT}/lowres_wide.traj", lambda x: [y[:9] for y in x]), "lowres_wide.traj, line 1", "7 numbers",
+     ""),
+    (replica, lines("traj.txt", lambda x: [x[0], *["1 0 0"] * (len(x) - 1)]), "traj.txt, line 2", "16 numbers", "3"),
+    (stray_scanner, lines("odometry.csv", lambda x: [x[0], *[y[:9] for y in x[1:]]]), "odometry.csv, line 2",
+     "numbers", ""),
+    (redwood, text("scene/trajectory.log", "a word\n" * 10), "trajectory.log, line 1", "and a 4x4 matrix", ""),
     (arkit, text(f"{ARKIT}/lowres_wide_intrinsics/41069021_99.999.pincam", "1 2"), "pincam, line 1", "6 numbers", "2"),
     (record3d_zip, cut(), "seats.r3d", "a Record3D archive", "not a zip"),
     (record3d_folder, values("metadata", lambda c: c.update(dw=47)), "rgbd/0.depth", "47x64 depths", "3072"),
@@ -155,6 +162,25 @@ ONE_BAD: list[tuple[Callable[[Path], Sample], Change, int, str]] = [
     (record3d_folder, values("metadata", lambda c: c["poses"].__setitem__(1, [0] * 7)), 1, "poses[1]: expected finite"),
     (lidar, remove("clouds/2.ply"), 2, "1 of 4 frames have no cloud (2): left out"),
     (arkit, lines(f"{ARKIT}/lowres_wide.traj", lambda x: ["nan " * 7, *x]), -1, "1 of 9 poses are damaged"),
+    (arkit, lines(f"{ARKIT}/lowres_wide.traj", lambda x: [*x, "1 2"]), -1,
+     "lowres_wide.traj, line 9: expected 7 numbers, found 2"),
+    (tum, lines("groundtruth.txt", lambda x: [*x, "1 2 3"]), -1, "groundtruth.txt, line 29: expected 8 numbers, found"),
+    (tum, lines("groundtruth.txt", lambda x: [*x[:9], "x y", *x[9:]]), -1, "groundtruth.txt, line 10: "),
+    (tum, lines("depth.txt", lambda x: [*x, "100"]), -1, "1 of 6 lines of depth.txt are damaged"),
+    (slam_folder, lines("associations.txt", lambda x: [*x, x[0][:9]]), -1, "lines of associations.txt are damaged"),
+    (slam_folder, lines("CameraTrajectory.txt", lambda x: [*x, "9.5 1"]), -1, "expected 8 numbers, found 2"),
+    (slam_folder, lambda f: (f / "track.txt").write_text(
+        (f / "CameraTrajectory.txt").rename(f / "track.txt").read_text() + "\n9.5 1"), -1, "of 5 poses are damaged"),
+    (lidar, lines("poses.txt", lambda x: [x[0], x[1][:20], *x[2:]]), 1, "line 2, frame 1: expected 16 numbers, found "),
+    (replica, lines("traj.txt", lambda x: [*x[:-1], x[-1][:20]]), 3, "traj.txt, line 4: expected 16 numbers, found "),
+    (replica, lines("traj.txt", lambda x: [x[0], "lost", *x[2:]]), 1, "traj.txt, line 2: expected 16 numbers, found 1"),
+    (habitat, lines("poses.txt", lambda x: [*x[:-1], x[-1][:9]]), 3, "poses.txt, line 4: expected 7 numbers, found "),
+    (pose_lines, lines("pose.txt", lambda x: [x[0][:9], *x[1:]]), 0, "pose.txt, line 1: expected 7 numbers, found "),
+    (matrix_lines, lines("poses.txt", lambda x: [*x[:-1], x[-1][:9]]), 3, "poses.txt, line 4: expected "),
+    (kitti360, lines(KITTI_POSES, lambda x: [x[0], x[1][:12], *x[2:]]), 1, "cam0_to_world.txt, line 2: expected 17"),
+    (redwood, lines("scene/trajectory.log", lambda x: x[:-1]), 3, "1 of 4 poses are damaged"),
+    (redwood, lines("scene/trajectory.log", lambda x: [*x[:7], "1 0", *x[8:]]), 1, "trajectory.log, line 6: expected "),
+    (stray_scanner, lines("odometry.csv", lambda x: [*x[:2], x[2][:9], *x[3:]]), 1, "odometry.csv, line 3: expected "),
 ]  # fmt: skip
 
 
