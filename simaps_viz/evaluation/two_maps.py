@@ -451,9 +451,14 @@ class MapMaker:
         self._made: dict[Path, SIMap] = {}
         self._in_space: dict[Path, SpaceTruth] = {}
 
+    @property
+    def has_truth(self) -> bool:
+        """Whether the truth is a file, so that no frame need be read for it."""
+        return self._truth is not None
+
     def sources(self, simap: SIMap) -> tuple[Source, ...]:
         """Return the maps that ``make`` can make for a map; without a sequence none but a truth that is a file."""
-        known = self._truth is not None or (self._sequence is not None and exact_of(self._sequence) is not None)
+        known = self.has_truth or (self._sequence is not None and exact_of(self._sequence) is not None)
         truth = (Source(TRUTH, "Ground truth"),) if known else ()
         if self._sequence is None:
             return truth

@@ -74,7 +74,8 @@ def doubts(simap: SIMap, but: Collection[int] = ()) -> tuple[Doubt, ...]:
             cells[target] += cells[source]
         elif one is not None and other is not None and one.id != other.id:
             for this, that in ((one, other), (other, one)):
-                text = f"It was nearly joined with {that.name}: {said}. The two may be one."
+                # The log's score is of the parts they were then; how near the two are now, Why says.
+                text = f"It was nearly joined with {that.name}. The two may be one."
                 found[this.id].append((doubt, f"nearly one with {that.name}", text))
     listed = []
     for number, about in found.items():

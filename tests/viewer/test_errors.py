@@ -1,15 +1,22 @@
 """The list of errors, and of doubtful objects where nobody knows the truth."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
+import pytest
+import viser
+from browser import free_port
 from toy_maps import toy_map
 
 from simaps_viz.app.workbench import truth_beside
-from simaps_viz.evaluation.two_maps import TRUTH, MapMaker, compare_two
+from simaps_viz.evaluation.two_maps import TRUTH, MapMaker, Source, compare_two
 from simaps_viz.mapping.file import save_map
 from simaps_viz.mapping.simap import repartition
-from simaps_viz.viewer.panels.errors import doubt_entries, error_entry
+from simaps_viz.viewer.page.page import Page
+from simaps_viz.viewer.panels import errors
+from simaps_viz.viewer.panels.errors import DOUBTS, ERRORS, LEAST_SURE, UNKNOWN, ErrorsPanel, doubt_entries, error_entry
 
 
 def test_a_truth_that_lies_beside_the_map_is_offered_without_frames(tmp_path):
@@ -48,3 +55,33 @@ def test_specks_are_not_listed_as_doubtful():
     assert {one.selects for one in doubt_entries(few, frozenset({speck}))} == {
         one.id for one in few.instances if one.id != speck
     }
+
+
+@pytest.mark.parametrize(("known", "has_truth"), [(False, False), (True, False), (True, True)])
+def test_frames_are_read_for_the_truth_only_when_errors_are_asked_for(monkeypatch, known, has_truth):
+    simap, jobs, made = toy_map(), [], []
+
+    def make(key, simap, tell):
+        made.append(key)
+        tell("truth", 1, 4)
+        return simap
+
+    sources = (Source(TRUTH, "Ground truth"),) if known else ()
+    maker = SimpleNamespace(has_truth=has_truth, sources=lambda _: sources, make=make)
+    monkeypatch.setattr(errors, "specks_on", lambda page: frozenset())
+    server = viser.ViserServer(host="127.0.0.1", port=free_port(), verbose=False)
+    try:
+        page = SimpleNamespace(gui=server.gui, simap=simap, submit=lambda _, job: jobs.append(job))
+        panel = ErrorsPanel(cast(Page, page), cast(MapMaker, maker))
+        panel.map_changed(simap)
+        jobs.pop()()
+        assert panel._which.value == (ERRORS if has_truth else DOUBTS)
+        assert made == ([TRUTH] if has_truth else [])
+        said = panel._about.content
+        assert (UNKNOWN.strip() in said, LEAST_SURE in said) == (not known, not has_truth)
+        if known:
+            panel._which.value = ERRORS
+            panel._list_now()
+            assert made and "0 errors" in panel._about.content and "known" in panel._about.content
+    finally:
+        server.stop()

@@ -20,11 +20,12 @@ ABOUT = "the worst errors of the map, or, where no truth is known, its doubtful 
 LISTED = 6
 """Entries on a page of the list."""
 ERRORS, DOUBTS = "Worst errors", "Doubtful objects"
-KNOWN = "This place is simulated, so what is true is known. Press one: the map goes there, true outlines are pink."
+KNOWN = "What is true in this place is known. Press one: the map goes there, true outlines are pink."
 REST = ", then outlines that are not quite right and things that are very small"
-UNKNOWN = (
-    "Nobody has said what is true in this place. These are the objects that the map itself is least sure of, the most "
-    "doubtful first. Press one: the map goes there."
+UNKNOWN = "Nobody has said what is true in this place. "
+LEAST_SURE = (
+    "These are the objects that the map itself is least sure of, the most doubtful first. "
+    "Press one: the map goes there."
 )
 RIGHT = "The share is that of the cells on which the map and the truth agree (intersection over union)."
 PAGES_HINT = f"{LISTED} at a time, the worst first."
@@ -58,9 +59,11 @@ class ErrorsPanel(Panel):
         self._truth: SIMap | None = None
         self._entries: list[Entry] = []
         self._first, self._chosen = 0, -1
-        known = any(source.key == TRUTH for source in maker.sources(page.simap))
-        names = (ERRORS, DOUBTS) if known else (DOUBTS,)
-        self._which = gui.add_dropdown("List", names, initial_value=names[0], visible=known, hint=ABOUT)
+        self._known = any(source.key == TRUTH for source in maker.sources(page.simap))
+        names = (ERRORS, DOUBTS) if self._known else (DOUBTS,)
+        # Where all frames have to be read for the truth, that is asked for.
+        first = ERRORS if maker.has_truth else DOUBTS
+        self._which = gui.add_dropdown("List", names, initial_value=first, visible=self._known, hint=ABOUT)
         by_person(self._which, self._list)
         self._about = gui.add_html("")
         rows = [functools.partial(self._choose, at) for at in range(LISTED)]
@@ -82,19 +85,22 @@ class ErrorsPanel(Panel):
         simap = self._page.simap
         wants_truth = self._which.value == ERRORS
         if wants_truth:
-            self._about.content = small_html("Comparing with the truth …")
-            self._truth = self._maker.make(TRUTH, simap, lambda what, done, total: None)
+            self._tell("comparing", 0, 1)
+            self._truth = self._maker.make(TRUTH, simap, self._tell)
             found = compare_two(("This map", simap), ("The truth", self._truth), truth="right")
             entries = [error_entry(item, found.left, found.right) for item in found.items]
             wrong = len(found.differences)
             head = f"{plural(wrong, 'error')}{REST if len(entries) > wrong else ''}, the worst first. {KNOWN}"
         else:
             entries = doubt_entries(simap, specks_on(self._page))
-            head = UNKNOWN if entries else "No object is doubtful."
+            head = f"{'' if self._known else UNKNOWN}{LEAST_SURE if entries else 'No object is doubtful.'}"
         if simap is self._page.simap:
             self._entries, self._first, self._chosen = entries, 0, -1
             self._about.content = small_html(head)
             self._fill()
+
+    def _tell(self, what: str, done: int, total: int) -> None:
+        self._about.content = small_html(f"Looking for the truth: {what}, {done / max(total, 1):.0%} …")
 
     def _fill(self) -> None:
         shown = self._entries[self._first : self._first + LISTED]
