@@ -32,7 +32,7 @@ from simaps_viz.mapping.mending import open_mending
 from simaps_viz.mapping.simap import repartition
 from simaps_viz.recorder.library import RecordingLibrary
 from simaps_viz.viewer.panels.compare import ComparePanel, compare_panel
-from simaps_viz.viewer.panels.errors import UNKNOWN, errors_panel
+from simaps_viz.viewer.panels.errors import LEAST_SURE, UNKNOWN, errors_panel
 from simaps_viz.viewer.panels.masks import masks_panel
 from simaps_viz.viewer.panels.recordings import recordings_panel
 from simaps_viz.viewer.panels.share import SHARE
@@ -44,7 +44,7 @@ MIN_PX = 12.0
 PAUSE_MS = 300
 ALL_SAY = SAYS | {
     "Compare": "Right",
-    "Errors": UNKNOWN,
+    "Errors": UNKNOWN + LEAST_SURE,
     "Masks": "Thresholds, on this frame only",
     "Share": "Save as picture (.png)",
     "Mend": "Cut along",
