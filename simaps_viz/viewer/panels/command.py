@@ -766,7 +766,7 @@ class CommandPanel(Panel):
         return candidate_labels(candidates, chosen), tuple(filter(None, (why, beyond_text(simap, answer))))
 
     def _of_them_specks(self, ids: Collection[int]) -> str:
-        """Say how many of several objects the legend counts as specks; empty where none is one."""
+        """Return words for how many of several objects the legend counts as specks; empty where none is one."""
         faint = len(specks_on(self._page) & set(ids))
         return f"The {len(ids)} are {len(ids) - faint}, and {plural(faint, 'speck')}." if faint and len(ids) > 1 else ""
 

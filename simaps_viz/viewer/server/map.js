@@ -222,7 +222,7 @@
       if (one.id === state.selected || !shows(one.label) || texted.has(one.id)) continue;
       const wide = (one.east - one.west) * px, high = (one.north - one.south) * px;
       if (high < 13 || wide < 13) continue;
-      const text = [[one.name, 2.2], [one.label, 1.6]].filter(([words, most]) => widthOf(words) <= most * wide).map(([words]) => words)[0];
+      const [text] = [[one.name, 2.2], [one.label, 1.6]].find(([words, most]) => widthOf(words) <= most * wide) || [];
       if (!text) continue;
       const half = widthOf(text) / 2 + GAP, [x, y] = at(toScreen, ...cellToMap(one.x, one.y));
       const box = [x - half, y - LINE / 2, x + half, y + LINE / 2];
