@@ -101,7 +101,7 @@ def outcome_text(answer: Answer) -> str:
     parts = [", then ".join(f"to {name}" for name in dict.fromkeys(names))] if names else []
     pose = answer.final_pose
     parts += [
-        f"{answer.path_length_m:.2f} m",
+        f"{answer.path_length_m:.2f} m to drive",
         f"ends at x {pose.x_m:.2f} m, y {pose.y_m:.2f} m, heading {pose.heading_deg % 360:.0f}°",
     ]
     text = ", ".join(parts)

@@ -268,6 +268,9 @@ class Goal:
     among: tuple[int, ...] = ()
     """Ids of the objects that it was chosen of, in the order that was asked for, such as from the left; empty for a
     name and a rank, which counts from the closest."""
+    away_m: tuple[float, ...] = ()
+    """How far each of those is from the thing that the nearest to it, or the farthest from it, was asked for; empty for
+    another order."""
 
     def to_json(self) -> dict[str, Any]:
         """Return primitive, label, instance and point; for move_in_between other_label and other_instance as well."""
@@ -314,7 +317,7 @@ class Robot:
         self._planned_cells = 0
         self._planners = (planner,)
         self._avoided: dict[int, str] = {}
-        self._words, self._among = "", ((), ())
+        self._words, self._among, self._away_m = "", ((), ()), ()
         self._poses: list[NDArray] = []
 
     @property
@@ -340,6 +343,7 @@ class Robot:
         self._words = next((value.one for value in sets if value.before or value.after), "")
         among = tuple(i.id for value in sets[:1] for i in value.items if isinstance(i, Instance))
         self._among, self.grounding.among = (self.grounding.among, among), ()
+        self._away_m, self.grounding.away_m = self.grounding.away_m, ()
         return getattr(self, f"_{primitive.name}")(**arguments)
 
     def take_poses(self) -> NDArray:
@@ -620,7 +624,7 @@ class Robot:
         if room is None:
             thing = self.grounding.pick(name, instance)
             about = (thing.label, thing.id)
-            goal = Goal(primitive, *about, thing.centroid_m[:2], words=self._words, among=self._chosen_of(thing.id))
+            goal = Goal(primitive, *about, thing.centroid_m[:2], None, None, self._words, *self._chosen_of(thing.id))
         else:
             goal = Goal(primitive, room.name, None, room.centre_m)
         x, y = goal.point_m
@@ -654,10 +658,11 @@ class Robot:
         self.grounding.viewer = Pose2(*end, float(poses[-1, 2]))
         self._poses.append(poses)
         beyond = (other.label, other.id) if other else (None, None)
-        self.goals.append(Goal(primitive, *about, end, *beyond, self._words, self._chosen_of(about[1])))
+        self.goals.append(Goal(primitive, *about, end, *beyond, self._words, *self._chosen_of(about[1])))
 
-    def _chosen_of(self, number: int | None) -> tuple[int, ...]:
-        return next((ids for ids in self._among if number in ids), ())
+    def _chosen_of(self, number: int | None) -> tuple[tuple[int, ...], tuple[float, ...]]:
+        chosen = zip(self._among, (self._away_m, ()), strict=True)
+        return next(((ids, away_m) for ids, away_m in chosen if number in ids), ((), ()))
 
 
 def _cell_centres(simap: SIMap) -> tuple[NDArray, NDArray]:

@@ -65,15 +65,15 @@ def test_why_this_one_is_said_with_the_distances_of_the_others():
     # chair 4 at (3.625, -0.425).
     one, two, three = np.hypot(0.575, 1.225), np.hypot(0.525, 1.125), np.hypot(3.125, 0.925)
     assert why("go to the third chair") == (
-        f"Chair 4 is the farthest of 3 from where the command was given: {three:.2f} m; "
+        f"Chair 4 is the farthest of 3 from where the command was given: {three:.2f} m in a straight line; "
         f"chairs 3 and 1 are at {min(one, two):.2f} and {max(one, two):.2f} m."
     )
     assert why("go to the second chair") == (
-        f"Chair 1 is the second closest to where the command was given: {max(one, two):.2f} m; "
+        f"Chair 1 is the second closest to where the command was given: {max(one, two):.2f} m in a straight line; "
         f"chair 3 is at {min(one, two):.2f} m."
     )
     assert why("go to the chair") == (
-        f"Chair 3 is the closest to where the command was given: {min(one, two):.2f} m; "
+        f"Chair 3 is the closest to where the command was given: {min(one, two):.2f} m in a straight line; "
         f"the next, chair 1, is at {max(one, two):.2f} m."
     )
     assert why("go to the couch").startswith("Couch 5 is the only couch on this map, ")
@@ -86,6 +86,12 @@ def test_why_this_one_is_said_with_the_distances_of_the_others():
     )
     assert why("go to the second chair from the south") == (
         f"Chair 4 is the second of 3 from the south, {three:.2f} m from where the command was given."
+    )
+    cells = {one.name: np.argwhere(toy_map().instance == one.id) for one in toy_map().instances}
+    apart = [np.hypot(*(cells[f"chair {i}"][:, None] - cells["couch 5"]).T).min() for i in (1, 4)]
+    near, far = (toy_map().spec.cell_size_m * one for one in apart)  # what decides is not where the robot is
+    assert why("go to the chair nearest the couch") == (
+        f"Chair 1 is the chair nearest to the couch: {near:.2f} m from it; the next, chair 4, is at {far:.2f} m."
     )
     assert " of 3 from the left, as the robot looks (to the east), " in why("go to the leftmost chair")
     assert why("visit all chairs") == "All 3 chairs on this map are meant."
@@ -460,9 +466,16 @@ def test_what_a_typed_command_would_mean_is_marked_and_nothing_runs(monkeypatch)
         assert marked() == ([], None)  # at once, before the command is read
         read.set()
         until(lambda: panel.driving)
-        count = len(asked)
+        types("go to the third chair")  # the robot is on its way to another
+        assert marked()[1] == {4} and panel._run.options == ("Go", "Pause", "Stop")
+        assert "Go ends this drive, and does this" in shown(bench) and not panel._program.visible
+        types("")
+        assert marked()[1] == {1} and "On the way" in shown(bench) and panel._program.visible
+        assert panel._run.options == ("Pause", "Step", "Stop")
         types("go to the third chair")
-        assert marked()[1] == {1} and len(asked) == count  # the robot is on its way to another
+        panel._drive.speed = 8.0
+        until(lambda: not panel.driving and "Go does this" in shown(bench))  # not what came of the old one
+        assert marked()[1] == {4} and statuses(bench)["go to the second chair"] == "ok"
 
 
 def statuses(bench):

@@ -92,7 +92,8 @@ def why_text(answer: Answer, candidates: Sequence[Candidate], pose: Pose2) -> st
     from_side = _FROM_A_SIDE.search(answer.program or "")
     if from_side and int(from_side[2] or 1) != one.rank:
         from_side = None
-    if answer.goals[0].among and (from_side or _asked_order(answer, candidates)):
+    goal = answer.goals[0]
+    if goal.among and not goal.away_m and (from_side or _asked_order(answer, candidates)):
         nth = _NTH[one.rank].strip() or "first" if one.rank < len(_NTH) else f"{one.rank}th"
         words = next((goal.words for goal in answer.goals if goal.words), "")
         side, away = from_side[1] if from_side else "", f"{one.distance_m:.2f} m from where the command was given."
@@ -105,8 +106,10 @@ def why_text(answer: Answer, candidates: Sequence[Candidate], pose: Pose2) -> st
     closest = f"the {nth}closest to"
     if one.rank == len(candidates) > 2:
         closest = f"the farthest of {len(candidates)} from"
-    text = f"{name} is {closest} where the command was given: {one.distance_m:.2f} m;"
-    return " ".join([_cap(text), _others(one, candidates), *_choice(answer)])
+    text = f"{name} is {closest} where the command was given: {one.distance_m:.2f} m in a straight line;"
+    if goal.away_m:
+        text = f"{name} is the {goal.words}: {one.distance_m:.2f} m from it;"
+    return " ".join([_cap(text), _others(one, candidates), *([] if goal.away_m else _choice(answer))])
 
 
 def beyond_text(simap: SIMap, answer: Answer) -> str:
@@ -145,14 +148,19 @@ def candidate_labels(candidates: Sequence[Candidate], chosen: Collection[int], m
 def in_asked_order(answer: Answer, candidates: Sequence[Candidate]) -> Sequence[Candidate]:
     """Return the candidates that the first goal was chosen of, ranked in the order that was asked for.
 
+    Their distances are from where the command was given, or from what the nearest to it was asked for.
+
     Args:
         answer: with the goals.
         candidates: the closest first, which is the order where no other was asked for.
     """
-    by_id = {one.instance.id: one for one in candidates}
-    among = [by_id[i] for i in answer.goals[0].among if i in by_id]
-    ranked = [replace(one, rank=rank) for rank, one in enumerate(among, start=1)]
-    return ranked or candidates
+    by_id, goal = {one.instance.id: one for one in candidates}, answer.goals[0]
+    among = [
+        replace(by_id[i], distance_m=by_id[i].distance_m if away_m is None else away_m)
+        for i, away_m in zip_longest(goal.among, goal.away_m)
+        if i in by_id
+    ]
+    return [replace(one, rank=rank) for rank, one in enumerate(among, start=1)] or candidates
 
 
 def _asked_order(answer: Answer, candidates: Sequence[Candidate]) -> bool:
@@ -282,12 +290,8 @@ MAX_PAST = 8
 _MAX_BUTTON_LENGTH = 34
 """Characters of a command on a button."""
 Phase = Literal["idle", "asking", "driving", "paused"]
-_BUTTONS: dict[Phase, tuple[str, str, str]] = {
-    "idle": ("Go", "Step", "Stop"),
-    "asking": ("Go", "Step", "Stop"),
-    "driving": ("Pause", "Step", "Stop"),
-    "paused": ("Play", "Step", "Stop"),
-}
+_FIRST: dict[Phase, str] = {"idle": "Go", "asking": "Go", "driving": "Pause", "paused": "Play"}
+"""The first button of the row; the others are Step and Stop."""
 _TITLES: dict[Phase, str] = {"driving": "On the way", "paused": "Paused"}
 _ICONS = {
     "ok": viser.Icon.CHECK,
@@ -412,7 +416,11 @@ class CommandPanel(Panel):
         self._past: list[Past] = []
         self._running = ""
         """The command of the history that has not ended yet."""
+        self._sent = ""
+        """What was typed when the last command was sent."""
         self._marks, self._hidden = Marks(), False
+        self._driven: tuple[Marks, frozenset[int]] = (Marks(), frozenset())
+        """What is drawn and outlined of the command that the robot carries out."""
         self._drawing = threading.Lock()
         self._typing: threading.Timer | None = None
         """Runs while what is typed may go on."""
@@ -459,6 +467,12 @@ class CommandPanel(Panel):
         model = self._services.model if self.uses_model else None
         self._submit(command, paused=paused, reader=model.name if model else "")
 
+    @property
+    def _types_another(self) -> bool:
+        """Whether another command is typed than was sent last."""
+        text = str(self._text.value).strip()
+        return bool(text) and text != self._sent
+
     def pause(self) -> None:
         """Pause the drive, or resume it."""
         self._drive.pause(not self._drive.paused)
@@ -484,6 +498,7 @@ class CommandPanel(Panel):
             self._show_pose()
             self._show_result("Stopped", "The robot stands where it was stopped.", more=self._why)
         self._show_phase("idle")
+        self._preview_another()
 
     def run_other_reading(self) -> None:
         """Return to where the command was given and run another meaning of it; each call runs the next one."""
@@ -513,6 +528,7 @@ class CommandPanel(Panel):
         """Restore the robot's state."""
         self._start, self._past = state.start, list(state.past)
         self._text.value, self._result.content, self._program.content = state.texts
+        self._sent = state.texts[0].strip()
         self._program.visible = bool(state.texts[2])
         self._speed.value = self._drive.speed = state.speed
         self._height.value = state.height_m
@@ -593,6 +609,7 @@ class CommandPanel(Panel):
         readings: tuple[str, ...] = (),
     ) -> None:
         """Queue a command; ``at`` puts the robot there first, ``readings`` are the other meanings of the command."""
+        self._sent = str(self._text.value).strip()
         self._use()
         self._end()
         self._clear()  # at once: what was meant before is not what this one means
@@ -669,9 +686,11 @@ class CommandPanel(Panel):
             return
         self._trajectory = planned
         self._draw(replace(self._marks, path_m=answer.path_m))
+        self._driven = self._marks, self._lit
         self._show_progress(0.0)
         self._show_phase("paused" if paused else "driving")
         self._drive.start(planned, paused=paused)
+        self._preview_another()
 
     def _mark(self, answer: Answer, labels: Sequence[Label], stop: str = "") -> None:
         """Outline and number what a command means, or an answer speaks of, and dim all else; ``stop`` names the end."""
@@ -696,10 +715,18 @@ class CommandPanel(Panel):
         with contextlib.suppress(SIMapsError):
             self._meant(examples(self._page.simap)[0])
 
+    def _preview_another(self) -> None:
+        """Show what the typed command would mean from where the robot is now, if it is not the one sent last."""
+        if self._types_another:
+            self._page.command_worker.submit("preview", self._preview)
+
+    def _may_preview(self) -> bool:
+        return self._phase == "idle" or (self._phase in _TITLES and self._types_another)
+
     def _preview(self) -> None:
         """Outline and number what the typed command would mean, draw the path, and say what Go would do."""
         command = str(self._text.value)
-        if self._hidden or self.uses_model or self._phase != "idle":  # a model is asked only what is sent to it
+        if self._hidden or self.uses_model or not self._may_preview():  # a model is asked only what is sent to it
             return
         meant, title, reason = None, "Not a command yet", ""
         try:
@@ -709,7 +736,7 @@ class CommandPanel(Panel):
         if meant is not None and meant[0].status != "ok":
             title = title if meant[0].status == "refused" else "Cannot be done"
             meant, reason = None, outcome_text(meant[0])
-        if self._phase != "idle" or command != str(self._text.value):
+        if not self._may_preview() or command != str(self._text.value):
             return  # it runs, or goes on, meanwhile
         self._clear_marks()  # also what an earlier command meant; what was typed since is still to be read
         if meant is None:
@@ -725,7 +752,8 @@ class CommandPanel(Panel):
         if answer.answer is not None and not answer.goals:
             self._show_typed("", "A question: Go answers it.")
         else:
-            self._show_typed("Go does this", outcome_text(answer), (*why, *answer.notes))
+            title = "Go does this" if self._phase == "idle" else "Go ends this drive, and does this"
+            self._show_typed(title, outcome_text(answer), (*why, *answer.notes))
 
     def _end_typing(self) -> None:
         if self._typing is not None:
@@ -736,8 +764,9 @@ class CommandPanel(Panel):
         self._clear_marks()
 
     def _clear_marks(self) -> None:
-        self._previews, self._marks = False, Marks()
-        self._light(frozenset())
+        self._previews = False
+        self._marks, lit = self._driven if self.driving else (Marks(), frozenset())
+        self._light(lit)
         self._draw(None)
 
     def _trajectory_for(self, answer: Answer) -> Trajectory:
@@ -778,7 +807,7 @@ class CommandPanel(Panel):
         planned, answer = self._trajectory, self._answer  # another command may clear them meanwhile
         lines = planned.lines if planned is not None else ()
         line = int(lines[leg]) if leg < len(lines) else 0
-        if answer is not None and line != self._line:
+        if answer is not None and line != self._line and not self._types_another:
             self._line = line
             self._show_program(answer.program or "", line or None)
 
@@ -808,6 +837,7 @@ class CommandPanel(Panel):
         done = "Done" if answer.answer is None else "Answer"
         title, tone = {"ok": (done, "good"), "refused": ("Refused", "bad")}.get(answer.status, ("Failed", "bad"))
         self._show_result(title, outcome_text(answer), tone, (*self._why, *answer.notes), answer.suggestions)
+        self._preview_another()
 
     def _refuse(self, reason: str, instead: Sequence[str]) -> None:
         self._ended("refused")
@@ -871,10 +901,12 @@ class CommandPanel(Panel):
     def _show_phase(self, phase: Phase) -> None:
         """Show the words and buttons that fit what the robot is doing."""
         self._phase = phase
-        if phase in _TITLES and self._answer is not None:
+        another = phase in _TITLES and self._types_another  # it is read; the first button sends it
+        if phase in _TITLES and self._answer is not None and not another:
             self._show_result(_TITLES[phase], outcome_text(self._answer), more=(*self._why, *self._answer.notes))
-        if tuple(self._run.options) != _BUTTONS[phase]:
-            self._run.options = _BUTTONS[phase]
+        buttons = "Go" if another else _FIRST[phase], _FIRST[phase] if another else "Step", "Stop"
+        if tuple(self._run.options) != buttons:
+            self._run.options = buttons
 
     def _show_result(
         self, title: str, text: str, tone: str = "plain", more: Sequence[str] = (), instead: Sequence[str] = ()
@@ -948,7 +980,7 @@ class CommandPanel(Panel):
         by_person(self._text, self._typed)
         self._run = gui.add_button_group(
             "Run",
-            _BUTTONS["idle"],
+            ("Go", "Step", "Stop"),
             disabled=not enabled,
             hint="Go, pause or play on; run one line of the program; stop, also the wait for an answer.",
         )
@@ -1021,20 +1053,24 @@ class CommandPanel(Panel):
         if command is not None:
             self._text.value = command
             self._send(paused=False)
-        elif text.strip():
+        elif text.strip() and (self._types_another or self._phase not in _TITLES):
             self._end_typing()
+            self._show_phase(self._phase)
             if self._phase == "idle":
                 self._select_nothing()
-            if self._outcome and self._phase == "idle":
+            if self._outcome and self._phase != "asking":
                 self._unmark()
                 self._show_typed("", TYPING if self.uses_model else READING)
             preview = functools.partial(self._page.command_worker.submit, "preview", self._preview)
             self._typing = threading.Timer(PREVIEW_S, preview)
             self._typing.daemon = True
             self._typing.start()
-        elif self._phase == "idle":
+        elif self._phase != "asking":
             self._unmark()
             self._show_typed("", WELCOME)
+            self._show_phase(self._phase)
+            if self._answer is not None and self.driving:
+                self._show_program(self._answer.program, self._line or None)
 
     def _select_nothing(self) -> None:
         """Take what was selected off the map: the next command is about others."""
@@ -1044,9 +1080,9 @@ class CommandPanel(Panel):
     def _pressed(self, name: str) -> None:
         if name == "Stop":
             self.stop()
-        elif name == "Step" and self._phase in ("driving", "paused"):
+        elif name == "Step" and self.driving:
             self.step()
-        elif self._phase in ("driving", "paused"):
+        elif name in ("Pause", "Play"):
             self.pause()
         else:
             if time.monotonic() - self._typed_at < _KEYS_LATE_S:  # the last keys may come after the press
