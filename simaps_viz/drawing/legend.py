@@ -144,7 +144,7 @@ def legend_html(
         theme: of the page.
         buttons: classes can be pressed, where the page's script hears it.
         specks: {class: specks of it}, counted apart.
-        colored: objects have their colours on the map; on a photo they hardly have.
+        colored: objects have their colours on the map, or on a photo their outlines.
     """
     specks = specks or {}
     if mode == "height":
@@ -162,9 +162,8 @@ def legend_html(
         more = f"<summary>{len(rows) - MAX_ROWS} more classes</summary>{''.join(rows[MAX_ROWS:])}"
         rows = [*rows[:MAX_ROWS], f'<details class="simaps-more">{more}</details>']
     if mode == "photo":
-        return _box(
-            f"{CHIP_STYLE}<div>as the cameras saw it; objects are outlined</div>{''.join(rows)}{_unseen(theme)}"
-        )
+        outlined = "; objects are outlined" if colored else ""
+        return _box(f"{CHIP_STYLE}<div>as the cameras saw it{outlined}</div>{''.join(rows)}{_unseen(theme)}")
     if mode == "class":
         others = "".join(f'<span class="simaps-entry">{name}</span>' for name in _uncounted(simap, specks, chips))
         rows += [f'<div style="margin-top:.5em">not counted: {others}</div>'] if others else []

@@ -202,11 +202,12 @@ def test_the_legend_of_classes_names_every_colour_of_the_map(simap):
     assert "not counted" in html and "not counted" not in legend.legend_html(simap, "class")
 
 
-def test_a_photo_has_the_squares_of_objects_only_where_their_colours_are_seen(simap):
+def test_a_photo_has_the_squares_of_objects_only_where_they_are_outlined(simap):
     squares = [f"rgb{instance_color(one.id)}" for one in simap.instances]
-    assert all(one in legend.legend_html(simap, "photo") for one in squares)
+    outlined = legend.legend_html(simap, "photo")
+    assert all(one in outlined for one in squares) and "objects are outlined" in outlined
     pale = legend.legend_html(simap, "photo", colored=False)
-    assert not any(one in pale for one in squares) and "chair <b>3</b>" in pale
+    assert not any(one in pale for one in squares) and "outlined" not in pale and "chair <b>3</b>" in pale
 
 
 def test_thumbnail_outlines_the_mask_and_only_it():

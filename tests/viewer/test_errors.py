@@ -71,10 +71,16 @@ def test_frames_are_read_for_the_truth_only_when_errors_are_asked_for(monkeypatc
     monkeypatch.setattr(errors, "specks_on", lambda page: frozenset())
     server = viser.ViserServer(host="127.0.0.1", port=free_port(), verbose=False)
     try:
-        page = SimpleNamespace(gui=server.gui, simap=simap, submit=lambda _, job: jobs.append(job))
+        page = SimpleNamespace(gui=server.gui, simap=simap, panels=(), submit=lambda _, job: jobs.append(job))
         panel = ErrorsPanel(cast(Page, page), cast(MapMaker, maker))
         panel.map_changed(simap)
+        panel.told({"type": "tabs", "open": ["Map"]})
+        assert not jobs  # nobody looks at it
+        panel.told({"type": "tabs", "open": ["Errors"]})
         jobs.pop()()
+        panel.told({"type": "tabs", "open": ["Map"]})
+        panel.told({"type": "tabs", "open": ["Errors"]})
+        assert not jobs  # it is there
         assert panel._which.value == (ERRORS if has_truth else DOUBTS)
         assert made == ([TRUTH] if has_truth else [])
         said = panel._about.content
@@ -83,5 +89,29 @@ def test_frames_are_read_for_the_truth_only_when_errors_are_asked_for(monkeypatc
             panel._which.value = ERRORS
             panel._list_now()
             assert made and "0 errors" in panel._about.content and "known" in panel._about.content
+    finally:
+        server.stop()
+
+
+def test_the_list_marks_where_errors_end_and_what_a_slider_has_to_do_with_one(monkeypatch):
+    simap, cells = repartition(toy_map(), k_percent=0.0), toy_map().instance.copy()
+    cells[tuple(np.argwhere(cells == 5)[0])] = 0  # its outline is not quite right, which is no error
+    truth = replace(toy_map(), instance=cells)
+    found = compare_two(("This map", simap), ("The truth", truth), truth="right")
+    server = viser.ViserServer(host="127.0.0.1", port=free_port(), verbose=False)
+    monkeypatch.setattr(errors, "specks_on", lambda page: frozenset())
+    change = SimpleNamespace(change_of=lambda ids: ("K 0 %", "merged · chairs 1 + 2 → 1"))
+    try:
+        panels = {errors.MapPanel: change}
+        page = SimpleNamespace(gui=server.gui, simap=simap, panels=panels, submit=lambda _, job: job())
+        maker = SimpleNamespace(has_truth=True, sources=lambda _: (Source(TRUTH, "Truth"),), make=lambda *_: truth)
+        errors_of = [one for one in found.items if one in found.differences]
+        panel = ErrorsPanel(cast(Page, page), cast(MapMaker, maker))
+        panel._list_now()
+        assert len(errors_of) < len(panel._entries)
+        for one in panel._entries:
+            assert one.title.endswith(", by K 0 %") == one.wrong and ("merged ·" in one.more) == one.wrong
+        before = [row for row in panel._rows if row.visible and row.order < panel._end.order]
+        assert panel._end.visible and len(before) == len(errors_of)
     finally:
         server.stop()

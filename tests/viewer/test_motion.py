@@ -3,6 +3,7 @@
 import threading
 import time
 from contextlib import nullcontext
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -197,6 +198,8 @@ def test_examples_speak_of_this_map_and_html_is_escaped():
         "go to the dining table",
         "go to the chair nearest the dining table",
     ]
+    unsure = [replace(one, score=0.3) if one.label == "dining table" else one for one in toy_map().instances]
+    assert not any("dining table" in one for one in examples(replace(toy_map(), instances=tuple(unsure)), 5))
     assert examples(toy_map(), 5)[3:] == ["move in between the dining table and the couch", "face the potted plant"]
     assert "<script>" not in message_html("a", "<script>", "bad")
     html = program_html("a = 1\nb = '<'\n", line=2)

@@ -52,7 +52,7 @@ def test_scores_are_bars_against_the_threshold_and_steps_are_told_in_words():
     assert re.findall(r"width:([\d.]+)%", html) == ["100.0", "6.2"]
     assert re.findall(r"auto -.2em ([\d.]+)%", html) == ["20.0", "20.0"]
     assert html.index("One object above K = 5 %") < html.index("weakest joint") < html.index("chair 3")
-    assert joint_name(why, 1) == "Step 1: 32 and 32 cells, 25.0 %, weakest"
+    assert joint_name(why, 1) == f"Step 1 of {len(why.joints)}: 32 and 32 cells, 25.0 %, weakest"
 
 
 def test_the_words_of_the_section_are_explained_those_of_the_method_alone():

@@ -34,6 +34,7 @@ from simaps_viz.language.commands import MAX_SUGGESTIONS
 from simaps_viz.language.grounding import Candidate
 from simaps_viz.language.llm_settings import Exchange
 from simaps_viz.language.primitives import FUNCTIONS, PRIMITIVES, SIDES
+from simaps_viz.mapping.doubts import SURE_SCORE
 from simaps_viz.navigation.agent import Answer, is_program, outcome_text
 from simaps_viz.navigation.robot import Goal
 from simaps_viz.navigation.trajectory import (
@@ -48,7 +49,7 @@ from simaps_viz.structures import Pose2, SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel, button, button_row, by_person
 from simaps_viz.viewer.page.shared import Snapshot
-from simaps_viz.viewer.panels.map import specks_on
+from simaps_viz.viewer.panels.map import specks_on, without
 from simaps_viz.viewer.scene.annotations import Label, label_of
 from simaps_viz.viewer.scene.camera import SLANT, Follower
 from simaps_viz.viewer.scene.map_scene import Style
@@ -321,9 +322,10 @@ def entered(text: str) -> str | None:
 
 
 def examples(simap: SIMap, most: int = EXAMPLES) -> list[str]:
-    """Return example commands that use the classes of this map."""
+    """Return example commands that use the classes of this map of which it is sure, if there are any."""
     counts = {name: count for name, count in simap.counts().items() if len(name) <= MAX_NAME_LENGTH}
-    names = list(counts)
+    sure = {one.label for one in simap.instances if one.score >= SURE_SCORE}
+    names = [name for name in counts if name in sure] or list(counts)
     if not names:
         return ["move forward 1 meter"]
     few = [name for name in names if counts[name] <= FEW] or names  # "the chair" is of little use where there are 31
@@ -336,6 +338,11 @@ def examples(simap: SIMap, most: int = EXAMPLES) -> list[str]:
         texts.append(f"move in between the {few[0]} and the {(few[1:] or others)[0]}")
     texts.append(f"face the {few[-1]}")
     return list(dict.fromkeys(texts))[:most]
+
+
+def _counted(page: Page) -> SIMap:
+    """Return the map of a page without its specks."""
+    return without(page.simap, specks_on(page))
 
 
 def _in_short(command: str) -> str:
@@ -713,7 +720,7 @@ class CommandPanel(Panel):
 
     def _prepare(self) -> None:
         with contextlib.suppress(SIMapsError):
-            self._meant(examples(self._page.simap)[0])
+            self._meant(examples(_counted(self._page))[0])
 
     def _preview_another(self) -> None:
         """Show what the typed command would mean from where the robot is now, if it is not the one sent last."""
@@ -1019,7 +1026,7 @@ class CommandPanel(Panel):
         # What it may be asked, and was asked before.
         self._examples = gui.add_folder("Examples")
         with self._examples:
-            for text in examples(self._page.simap, EXAMPLES + 1):
+            for text in examples(_counted(self._page), EXAMPLES + 1):
                 enabled = self._services.ask is not None
                 button(gui, text, functools.partial(self.give, text), color="gray", disabled=not enabled)
         self._history = gui.add_folder("History", visible=False)

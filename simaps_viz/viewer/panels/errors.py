@@ -2,26 +2,28 @@
 
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import viser
 
 from simaps_viz.colors.classes import plural
 from simaps_viz.drawing.theme import remark_html, small_html
-from simaps_viz.evaluation.two_maps import TRUTH, Item, MapMaker, MapSide, compare_two
+from simaps_viz.evaluation.two_maps import NO_DIFFERENCE, TRUTH, Item, Kind, MapMaker, MapSide, compare_two
 from simaps_viz.mapping.doubts import doubts
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel, PanelSpec, button, button_row, by_person
-from simaps_viz.viewer.panels.map import specks_on
+from simaps_viz.viewer.panels.map import MapPanel, specks_on
 from simaps_viz.viewer.scene.camera import Extent, with_margin
 
 ABOUT = "the worst errors of the map, or, where no truth is known, its doubtful objects"
+TITLE = "Errors"
 LISTED = 6
 """Entries on a page of the list."""
 ERRORS, DOUBTS = "Worst errors", "Doubtful objects"
 KNOWN = "What is true in this place is known. Press one: the map goes there, true outlines are pink."
-REST = ", then outlines that are not quite right and things that are very small"
+END = "No errors from here on: outlines that are not quite right, and very small things."
 UNKNOWN = "Nobody has said what is true in this place. "
 LEAST_SURE = (
     "These are the objects that the map itself is least sure of, the most doubtful first. "
@@ -43,15 +45,24 @@ class Entry:
     true: tuple[int, ...]
     """Those of the truth."""
     extent_m: Extent
+    wrong: bool = False
+    """Whether it is an error."""
 
 
 def errors_panel(maker: MapMaker) -> PanelSpec:
     """Return the tab of a page that has this panel."""
-    return PanelSpec("Errors", viser.Icon.ALERT_TRIANGLE, lambda page: ErrorsPanel(page, maker), about=ABOUT)
+    return PanelSpec(TITLE, viser.Icon.ALERT_TRIANGLE, lambda page: ErrorsPanel(page, maker), about=ABOUT)
 
 
 class ErrorsPanel(Panel):
-    """A list of errors or doubtful objects; pressing one selects it, and looks at it."""
+    """A list of errors or doubtful objects; pressing one selects it, and looks at it.
+
+    It is made only while its tab is open: comparing takes long.
+    """
+
+    _open = False
+    _listed: SIMap | None = None
+    """The map whose list is shown."""
 
     def __init__(self, page: Page, maker: MapMaker) -> None:
         """Fill the open container."""
@@ -72,13 +83,26 @@ class ErrorsPanel(Panel):
             gui, "Listed", {"Previous": lambda: self._turn(-1), "Next": lambda: self._turn(1)},
             visible=False, hint=PAGES_HINT,
         )  # fmt: skip
+        self._end = gui.add_html(remark_html(END), visible=False)
         self._more = gui.add_html("")
 
     def map_changed(self, simap: SIMap) -> None:
-        """List anew what is wrong with the map."""
-        self._list()
+        """List anew what is wrong with the map, if that is looked at."""
+        self._list_if_open()
+
+    def told(self, event: dict[str, Any]) -> None:
+        """List what is wrong once the tab is opened."""
+        if event.get("type") == "tabs":
+            tabs = event.get("open")
+            self._open = isinstance(tabs, list) and TITLE in tabs
+            self._list_if_open()
+
+    def _list_if_open(self) -> None:
+        if self._open and self._listed is not self._page.simap:
+            self._list()
 
     def _list(self) -> None:
+        self._listed = None
         self._page.submit("errors", self._list_now)
 
     def _list_now(self) -> None:
@@ -88,16 +112,24 @@ class ErrorsPanel(Panel):
             self._tell("comparing", 0, 1)
             self._truth = self._maker.make(TRUTH, simap, self._tell)
             found = compare_two(("This map", simap), ("The truth", self._truth), truth="right")
-            entries = [error_entry(item, found.left, found.right) for item in found.items]
-            wrong = len(found.differences)
-            head = f"{plural(wrong, 'error')}{REST if len(entries) > wrong else ''}, the worst first. {KNOWN}"
+            entries = [self._with_change(error_entry(item, found.left, found.right), item) for item in found.items]
+            head = f"{plural(len(found.differences), 'error')}, the worst first. {KNOWN}"
         else:
             entries = doubt_entries(simap, specks_on(self._page))
             head = f"{'' if self._known else UNKNOWN}{LEAST_SURE if entries else 'No object is doubtful.'}"
         if simap is self._page.simap:
-            self._entries, self._first, self._chosen = entries, 0, -1
+            self._entries, self._first, self._chosen, self._listed = entries, 0, -1, simap
             self._about.content = small_html(head)
             self._fill()
+
+    def _with_change(self, entry: Entry, item: Item) -> Entry:
+        """Return an error with what a moved slider has to do with it."""
+        if not entry.wrong or MapPanel not in self._page.panels:
+            return entry
+        cut, text = self._page.panels[MapPanel].change_of(item.left)
+        if not cut:
+            return entry
+        return replace(entry, title=f"{entry.title}, by {cut}", more=f"{entry.more} By {cut}: {text}.")
 
     def _tell(self, what: str, done: int, total: int) -> None:
         self._about.content = small_html(f"Looking for the truth: {what}, {done / max(total, 1):.0%} …")
@@ -109,6 +141,10 @@ class ErrorsPanel(Panel):
             if at < len(shown):
                 number = self._first + at
                 row.label = f"{'▸ ' * (number == self._chosen)}{number + 1}. {shown[at].title}"
+        right = next((at for at, one in enumerate(shown) if not one.wrong), len(shown))
+        self._end.visible = right < len(shown) and self._which.value == ERRORS
+        if self._end.visible:  # before the first that is none
+            self._end.order = self._rows[right].order - 0.5
         self._pages.visible = len(self._entries) > LISTED
         chosen = self._entries[self._chosen].more if self._chosen >= 0 else ""
         listed = f"{self._first + 1} to {self._first + len(shown)} of {len(self._entries)}." if shown else ""
@@ -168,7 +204,8 @@ def error_entry(item: Item, here: MapSide, truth: MapSide) -> Entry:
         "small": "It is so small that it does not count as an error.",
     }
     title = titles[item.kind]
-    return Entry(title, f"{title}. {means[item.kind]}", next(iter(item.left), None), item.right, item.extent_m)
+    more, wrong = f"{title}. {means[item.kind]}", Kind(item.kind) not in NO_DIFFERENCE
+    return Entry(title, more, next(iter(item.left), None), item.right, item.extent_m, wrong)
 
 
 def _joined(names: Sequence[str]) -> str:

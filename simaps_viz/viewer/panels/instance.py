@@ -40,6 +40,8 @@ MAX_LISTED = 1000
 _ID = re.compile(r"#(\d+)")
 """Edit logs write "chair #18"."""
 LIST_HINT = f"Select an object. Of more than {MAX_LISTED} only the largest are listed; Find finds them all."
+NO_VIEWS = "Its best views would come from the frames of this map, which are not on this machine."
+RECORDED_VIEWS = "The frames are not on this machine; Show frame goes to its best views in the recorded build."
 HELP = f'<div style="{BOX_STYLE}">Click an object on the map, choose it from the list, or type its name.</div>'
 
 
@@ -216,8 +218,8 @@ class FrameGallery:
         self._jump.on_click(lambda event: self._go(str(event.target.value)))
 
     def show(self, pictures: Sequence[NDArray], frames: dict[str, int]) -> None:
-        """Show thumbnails, uint8 [h, w, 3], and buttons for frames, {name: index}; without any of them, nothing."""
-        self._frames = frames
+        """Show thumbnails, uint8 [h, w, 3], and buttons for frames, {name: index}, where the frames can be seen."""
+        frames = self._frames = frames if pictures or self._page.recording.url is not None else {}
         if pictures:
             self._picture.image = gallery(pictures)
         self._picture.visible = bool(pictures)
@@ -312,6 +314,8 @@ class InstancePanel(Panel):
     def _show_pictures(self, simap: SIMap, instance_id: int) -> None:
         """Show the best views, a note and buttons for their frames, unless another instance is selected meanwhile."""
         pictures, note, frames = best_pictures(simap, instance_id, self._page.view)
+        if frames and not pictures and self._page.recording.url is not None:
+            note = RECORDED_VIEWS
         if instance_id == self._page.selected:
             self._views.show(pictures, frames)
             self._note.content, self._note.visible = small_html(note), True
@@ -342,5 +346,4 @@ def best_pictures(
             pictures.append(named(outlined(*seen, one.segments), simap.frame_names[one.frame]))
     if pictures:
         return pictures, "Its best views, the object's mask outlined.", names
-    note = "The sequence is not at hand, so its best views cannot be shown here."
-    return [], note if views else "No frame named this object.", names
+    return [], NO_VIEWS if views else "No frame named this object.", names

@@ -46,8 +46,6 @@ DRAG_S = 1.5
 """A slider that was at rest for so long is moved anew."""
 MODE_HINT = "What a colour on the map means; the legend follows."
 TINT_HINT = "How much of the objects' colours lies over the photo."
-SEEN_TINT = 50
-"""From this share of objects' colours over the photo on, percent, the legend has them, too."""
 CUT_HINT = "Leave out everything above, as if the roof and then the tables were lifted off."
 WALLS_HINT = "Show walls in full height; otherwise they end low, so that one can look in."
 SPECK_FRAMES, FRAMES_PER_GLANCE, FAINT = 3, 50, 0.25
@@ -102,6 +100,8 @@ class MapPanel(Panel):
         self._busy, self._counts_before = False, ""
         views = {name: functools.partial(page.look, name) for name in (TOP, SLANT)}
         button_row(gui, "View", views, hint="From above, or the room in 3-D (keys T and 3).")
+        self._mode = gui.add_dropdown("Colours", color_modes(simap), initial_value=_first_mode(simap), hint=MODE_HINT)
+        self._tint = gui.add_slider("Objects (%)", 0, 100, 5, round(100 * TINT), hint=TINT_HINT, visible=False)
         # What of the surface is shown in the 3-D view.
         self._cut_m = gui.add_slider(
             "Cut at height", 0.1, FULL_HEIGHT_M, 0.1, FULL_HEIGHT_M, hint=CUT_HINT, visible=False
@@ -139,8 +139,6 @@ class MapPanel(Panel):
         self._shown, self._shown_cut = simap, own
         self._clearing: threading.Timer | None = None
         # What is painted.
-        self._mode = gui.add_dropdown("Colours", color_modes(simap), initial_value=_first_mode(simap), hint=MODE_HINT)
-        self._tint = gui.add_slider("Objects (%)", 0, 100, 5, round(100 * TINT), hint=TINT_HINT, visible=False)
         self._class = gui.add_dropdown(
             "Show", (EVERY_CLASS, *simap.counts()), initial_value=EVERY_CLASS, hint="Emphasise one class."
         )
@@ -241,6 +239,14 @@ class MapPanel(Panel):
     def _ids_now(self, change: Change) -> tuple[int, ...]:
         """Return the objects of a change that are on the map that is shown."""
         return change.before if self._peeking else change.after
+
+    def change_of(self, ids: Collection[int]) -> tuple[str, str]:
+        """Return how a moved slider cuts the map, and what it changed of objects, in words; both empty if nothing."""
+        changed = self._changed if self._was is not None else ()
+        mine = next((one for one in changed if not set(ids).isdisjoint(self._ids_now(one))), None)
+        if mine is None or self._was is None:
+            return "", ""
+        return cut_text(self._shown, self._shown_cut, self._was[1]), mine.text
 
     def _show_next(self) -> None:
         """Look at the next change that a moved slider made, and outline it, as it was where nothing is there now."""
@@ -349,7 +355,7 @@ class MapPanel(Panel):
         for widget in (self._k, self._resolution, self._reset):
             widget.disabled = not simap.instances and not simap.graphs
         faint = Counter(one.label for one in simap.instances if one.id in specks)
-        seen = self.mode == "instance" or (not self._in_space and self._tint.value >= SEEN_TINT)
+        seen = self.mode == "instance" or not self._in_space  # on a photo of the floor plan, objects are outlined
         legend = legend_html(counted, self.mode, self._page.theme, buttons=True, specks=faint, colored=seen)
         legend = f'<div class="simaps-legend" style="{LEGEND_STYLE}">{legend}</div>'
         if self._legend.content != legend:  # sent again, it would lose the focus of its buttons

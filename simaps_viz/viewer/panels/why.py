@@ -120,7 +120,7 @@ def joint_name(why: Why, position: int) -> str:
     joint = why.joints[position - 1]
     weakest = ", weakest" if joint is why.weakest else ""
     parts = f"{joint.target_cells} and {plural(joint.source_cells, 'cell')}"
-    return f"Step {position}: {parts}, {score_text(why.method, joint.score)}{weakest}"
+    return f"Step {position} of {len(why.joints)}: {parts}, {score_text(why.method, joint.score)}{weakest}"
 
 
 def words_html(simap: SIMap) -> str:

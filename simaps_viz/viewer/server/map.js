@@ -153,7 +153,7 @@
     return [Math.floor((x - map.xmin) / map.cell), Math.floor((y - map.ymin) / map.cell)];
   };
 
-  const GAP = 3, LINE = 16, CLICK_PX = 3;
+  const GAP = 3, LINE = 16, CLICK_PX = 3, PHONE_PX = 600;
   const measure = make('canvas', '').getContext('2d');
   const widths = new Map();
   const widthOf = (text) => {
@@ -218,11 +218,12 @@
   const writeNames = (taken, look) => {
     const [left, top] = at(toScreen, 0, 0), [right, bottom] = at(toScreen, map.cell, map.cell);
     const px = Math.hypot(right - left, bottom - top) / Math.SQRT2, texted = new Set(texts.map((one) => one[1] && one[10]));
+    const dense = width < PHONE_PX ? 2 : 1;  // names of one size are larger beside what a small map shows
     for (const one of map.shown) {
       if (one.id === state.selected || !shows(one.label) || texted.has(one.id)) continue;
       const wide = (one.east - one.west) * px, high = (one.north - one.south) * px;
-      if (high < 13 || wide < 13) continue;
-      const [text] = [[one.name, 2.2], [one.label, 1.6]].find(([words, most]) => widthOf(words) <= most * wide) || [];
+      if (high * dense < 13 || wide * dense < 13) continue;
+      const [text] = [[one.name, 2.2], [one.label, 1.6]].find(([words, most]) => widthOf(words) <= most * dense * wide) || [];
       if (!text) continue;
       const half = widthOf(text) / 2 + GAP, [x, y] = at(toScreen, ...cellToMap(one.x, one.y));
       const box = [x - half, y - LINE / 2, x + half, y + LINE / 2];
@@ -488,9 +489,19 @@
     if (texts.some(([kind]) => kind === 'command' || kind === 'why')) return true;
     return Object.keys(nodes).some((name) => nodes[name] && /^\/why\/.|^\/target$/.test(name));
   };
+  let opened = '';
+  const tellTabs = () => {  // which tabs are open: some work only while they are looked at
+    const frame = document.querySelector('iframe[title=Tab]');
+    const open = [...document.querySelectorAll('[role=tab][aria-selected=true]')].map((one) => one.textContent.trim());
+    const now = frame ? [frame.src, ...open].join('|') : opened;
+    if (now === opened) return;
+    opened = now;
+    tell({ type: 'tabs', open });
+  };
   let changed = true, before = '', legend = null;
   const tick = () => {
     window.requestAnimationFrame(tick);
+    tellTabs();
     const viser = window.__viserMutable, canvas = viser && viser.canvas;
     if (!canvas || !viser.nodeRefFromName) return;
     if (over.parentElement !== canvas.parentElement) canvas.parentElement.appendChild(over);

@@ -113,6 +113,14 @@
       row.dataset.fits = `${words} ${wide}`;
     }
   };
+  document.addEventListener('click', (event) => {  // a tab opens at its top
+    const row = event.target.closest('[role=tab]') && event.target.closest('[role=tablist]');
+    for (let one = row && row.parentElement; one; one = one.parentElement)
+      if (['scroll', 'auto'].includes(getComputedStyle(one).overflowY)) one.scrollTop = 0;
+  });
+  document.addEventListener('click', (event) => {  // what is typed into a choice replaces it
+    if (event.target.matches('input.mantine-Select-input')) event.target.select();
+  });
   const changeSeen = {};
   const showChange = () => {  // what a slider changed, or keeps two things apart, is said where it may be out of sight
     for (const name of ['.simaps-change', '.simaps-apart']) {
