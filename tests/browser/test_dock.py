@@ -164,9 +164,13 @@ def opened(browser: Browser, built: tuple[SIMap, Path], tmp_path_factory: pytest
             workbench.open_workbench(simap, recording=recording, port=free_port()) as bench,
             watched_through(browser, bench, WIDTH_PX) as page,
         ):
+            written: list[str] = []
+            page.on("console", lambda one: written.append(one.text))
             page.wait_for_function(MAP_SHOWN)
             rerun_frame(page).wait_for_function("() => window.simapsReady")
             yield Dock(bench, page)
+            refused = [one for one in written if "Content Security Policy" in one]
+            assert refused == [], "usage data are not even tried"
 
 
 @pytest.fixture

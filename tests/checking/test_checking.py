@@ -44,7 +44,7 @@ from simaps_viz.geometry import back_project, invert_pose, project, transform_po
 
 pytestmark = pytest.mark.slow
 
-EVERY = {"drawn room": 1, "hololens-breakroom": 6, "aws-small-house/rgbd": 6}
+EVERY = {"drawn room": 1, "hololens-breakroom": 6}
 SOURCES = tuple(EVERY)
 FOCAL_TOLERANCE, CENTRE_TOLERANCE, AGREEMENT_TOLERANCE = 0.01, 0.005, 0.01
 """A repaired camera is off by less than these shares of the focal length; agreement is that of the clean copy."""
@@ -64,21 +64,16 @@ def dropped(names: list[str], T: NDArray) -> tuple[list[str], NDArray]:
     return names[:at] + names[at + 1 :], T[:-1]
 
 
+INVERTED = moved(np.eye(4), inverse=True)
 SPOILED: dict[str, tuple[Spoiling, list[str]]] = {
     "clean": (Spoiling(), []),
-    "inverted": (moved(np.eye(4), inverse=True), ["inverted_poses"]),
-    "y and z flipped": (moved(turn(OPENGL)), ["camera_axes"]),
     "inverted, y and z flipped": (moved(turn(OPENGL), inverse=True), ["inverted_poses", "camera_axes"]),
     "ROS axes": (moved(turn(np.transpose(ROS))), ["camera_axes"]),
-    "y negated": (moved(np.diag([1.0, -1, 1, 1])), ["camera_axes"]),
-    "unit x1000": (Spoiling(keys={"depth_unit_m": 1.0}), ["depth_unit"]),
-    "unit 1/5000": (Spoiling(keys={"depth_unit_m": 0.0002}), ["depth_unit"]),
     "values x0.1": (Spoiling(depth=lambda steps: steps // 10), ["depth_unit"]),
     "focal x1.15": (scaled(1.15, 1.15), ["intrinsics"]),
     "centre x1.15": (scaled(cx=1.15, cy=1.15), ["intrinsics"]),
     "matrix of a larger image": (scaled(2, 2, 2, 2), ["intrinsics"]),
     "shifted by one": (Spoiling(poses=lambda names, T: (names[:-1], T[1:])), ["frame_shift"]),
-    "shifted by one, back": (Spoiling(poses=lambda names, T: (names[1:], T[:-1])), ["frame_shift"]),
     "one dropped": (Spoiling(poses=dropped), ["dropped_frame"]),
     "mirrored world": (
         Spoiling(poses=lambda names, T: (names, turn([[1, 0, 0], [0, 0, 1], [0, 1, 0]]) @ T)), ["mirrored_world"],
@@ -135,12 +130,8 @@ def assert_repaired(fixed: Path, folder: Path, wanted: Diagnosis, unit_m: float)
     assert sequence.depth_unit_m == pytest.approx(unit_m)
 
 
-CASES = {
-    "drawn room": tuple(case for case in SPOILED if case not in ("y and z flipped", "unit x1000")),  # part of others
-    "hololens-breakroom": ("clean", "y and z flipped", "values x0.1", "focal x1.15", "shifted by one", "one dropped"),
-    "aws-small-house/rgbd": ("clean", "focal x1.15"),
-}  # fmt: skip
-"""What the sequences are spoiled by here: real depth is harder than what was rendered. All of it was tried on all."""
+CASES = {"drawn room": tuple(SPOILED), "hololens-breakroom": ("clean", "focal x1.15")}
+"""What the sequences are spoiled by here: real depth is harder than what was drawn. All of it was tried on all."""
 
 
 @pytest.mark.parametrize(("name", "case"), [(name, case) for name, cases in CASES.items() for case in cases])
@@ -170,9 +161,7 @@ def test_diagnosed_and_repaired(name: str, case: str, room: Path, tmp_path: Path
     assert written <= {"sequence-fixed.json", "sequence-fixed-poses.txt", "sequence-fixed-intrinsics.txt"}
 
 
-@pytest.mark.parametrize(
-    ("name", "degrees"), [*((SOURCES[0], angle) for angle in (5.0, 180.0)), *((name, 10.0) for name in SOURCES[1:])]
-)
+@pytest.mark.parametrize(("name", "degrees"), [(SOURCES[0], 180.0), (SOURCES[1], 10.0)])
 def test_gravity_off_axis(name: str, degrees: float, room: Path, tmp_path: Path) -> None:
     keys = json.loads((source_of(name, room) / "sequence.json").read_text())
     spoiling = Spoiling(keys={"up": tilted(keys["up"], degrees)})
@@ -199,9 +188,8 @@ def test_no_alarm_where_the_floor_was_never_seen(poses: list[NDArray], tmp_path:
     assert [finding.kind for finding in diagnosis.findings] == ["level_unjudged"]
 
 
-@pytest.mark.parametrize("every", [7, 12])
-def test_no_alarm_where_frames_hardly_overlap(every: int, room: Path, tmp_path: Path) -> None:
-    diagnosis = diagnose(open_recording(spoiled_copy(room, tmp_path / "few", Spoiling(), every=every)))
+def test_no_alarm_where_frames_hardly_overlap(room: Path, tmp_path: Path) -> None:
+    diagnosis = diagnose(open_recording(spoiled_copy(room, tmp_path / "few", Spoiling(), every=7)))
     assert diagnosis.ok and diagnosis.correction is None
 
 
@@ -213,13 +201,10 @@ def test_floor_at_another_height(room: Path, tmp_path: Path) -> None:
     assert json.loads(write_fixed(diagnosis).read_text())["floor_height_m"] == pytest.approx(0, abs=0.03)
 
 
-@pytest.mark.parametrize("name", SOURCES)
-def test_gravity_and_floor_without_being_told(name: str, room: Path, tmp_path: Path) -> None:
-    keys = json.loads((source_of(name, room) / "sequence.json").read_text())
+def test_gravity_and_floor_without_being_told(room: Path, tmp_path: Path) -> None:
+    keys = json.loads((room / "sequence.json").read_text())
     silent = Spoiling(keys={"up": None, "floor_height_m": None})
-    diagnosis = diagnose(
-        open_recording(spoiled_copy(source_of(name, room), tmp_path / "silent", silent, every=EVERY[name]))
-    )
+    diagnosis = diagnose(open_recording(spoiled_copy(room, tmp_path / "silent", silent)))
     assert diagnosis.ok and diagnosis.correction is None and diagnosis.level is not None
     assert np.rad2deg(np.arccos(np.clip(diagnosis.level.up @ np.array(keys["up"], float), -1, 1))) < 1.0
     assert diagnosis.level.floor_height_m == pytest.approx(keys["floor_height_m"], abs=0.03)
@@ -392,8 +377,7 @@ def run_json(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[
 
 
 def test_command_line(room: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    spoiling, _ = SPOILED["inverted"]
-    folder = spoiled_copy(room, tmp_path / "spoiled", spoiling)
+    folder = spoiled_copy(room, tmp_path / "spoiled", INVERTED)
     picture = tmp_path / "evidence.png"
     status, record = run_json(["check", str(folder), "--json", "--fix", "--picture", str(picture)], capsys)
     assert status == 1 and record["ok"] is False
@@ -402,8 +386,6 @@ def test_command_line(room: Path, tmp_path: Path, capsys: pytest.CaptureFixture[
     assert record["correction"]["written"] == str(folder / "sequence-fixed.json")
     image = cv2.imread(str(picture))
     assert image is not None and image.shape[1] == 1500
-    status, record = run_json(["check", str(folder / "sequence-fixed.json"), "--json"], capsys)
-    assert status == 0 and record["ok"] is True and record["findings"] == [] and record["correction"] is None
     assert main(["check", str(folder)]) == 1
     assert "Write it with --fix" in capsys.readouterr().out
     assert main(["check", str(tmp_path / "nowhere")]) == 2
@@ -411,7 +393,7 @@ def test_command_line(room: Path, tmp_path: Path, capsys: pytest.CaptureFixture[
 
 
 def test_nothing_half_written(room: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder = spoiled_copy(room, tmp_path / "spoiled", SPOILED["inverted"][0])
+    folder = spoiled_copy(room, tmp_path / "spoiled", INVERTED, every=2)
     diagnosis = diagnose(open_recording(folder))
     before = sorted(path.name for path in folder.iterdir())
 
@@ -449,12 +431,11 @@ def test_other_formats_are_read_and_repaired_as_they_are(
     room: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     poses = read_poses(room / "poses.txt")[1]
-    status, record = run_json(["check", str(as_tum(room, tmp_path / "tum", poses)), "--json"], capsys)
-    assert status == 0 and record["findings"] == [] and record["frames"] == len(poses)
     folder = as_tum(room, tmp_path / "inverted", np.linalg.inv(poses))
     before = sorted(tmp_path.rglob("*"))
     status, record = run_json(["check", str(folder), "--json", "--fix"], capsys)
     assert status == 1 and [finding["kind"] for finding in record["findings"]] == ["inverted_poses"]
+    assert record["frames"] == len(poses)
     written = Path(record["correction"]["written"])
     assert written == tmp_path / "inverted-fixed" / "sequence.json"
     assert sorted(path for path in tmp_path.rglob("*") if written.parent not in (path, *path.parents)) == before
@@ -465,7 +446,7 @@ def test_other_formats_are_read_and_repaired_as_they_are(
 
 
 def test_poses_that_come_a_fraction_of_a_frame_early_are_interpolated(tmp_path: Path) -> None:
-    frames, early = 120, 0.4
+    frames, early = 60, 0.4
     room = drawn_room(tmp_path / "room", frames=frames)
     right = read_poses(room / "poses.txt")[1]
     folder = as_tum(room, tmp_path / "early", np.stack(_walk(frames, later=early)))

@@ -72,41 +72,36 @@ def built(sequence, reference: PosedFrames) -> SIMap:
     return build_map(sequence if has_segments else Segmented(sequence, reference))  # pyright: ignore
 
 
-def test_the_map_is_that_of_the_same_frames(opened):
-    _, sequence, reference = opened
-    same_maps(built(sequence, reference), built(reference, reference))
-
-
 def test_frames_are_those_of_the_reference(opened):
-    _, sequence, reference = opened
-    assert len(sequence) == len(reference)
-    for index in range(len(sequence)):
-        a, b = sequence.read(index), reference.read(index)
-        np.testing.assert_allclose(a.depth_m, b.depth_m, rtol=3e-7)  # a step is not a whole 32-bit float
-        np.testing.assert_allclose(a.T_world_camera, b.T_world_camera, atol=3e-7)
-        np.testing.assert_allclose(
-            a.intrinsics.matrix(), b.intrinsics.matrix(), rtol=1e-6, err_msg="camera of the pictures handed over"
-        )
-
-
-def test_the_camera_stands_where_it_stood_over_the_floor(opened):
-    _, sequence, _ = opened
-    for T_map_camera in sequence.T_map_world @ sequence.poses:
-        assert abs(T_map_camera[2, 3] - map_pose(0)[2, 3]) < 0.01
-        assert T_map_camera[2, 2] == pytest.approx(map_pose(0)[2, 2], abs=0.01), "pitch"
-
-
-def test_colour_lies_on_depth(opened):
     sample, sequence, reference = opened
+    assert len(sequence) == len(reference)
+    with ThreadPoolExecutor(4) as pool:  # threads may read at once
+        frames = list(pool.map(lambda i: sequence.read(i % len(sequence), color=True), range(16)))
+    for frame in frames:
+        b = reference.read(frame.index)
+        np.testing.assert_allclose(frame.depth_m, b.depth_m, rtol=3e-7)  # a step is not a whole 32-bit float
+        np.testing.assert_allclose(frame.T_world_camera, b.T_world_camera, atol=3e-7)
+        np.testing.assert_allclose(
+            frame.intrinsics.matrix(), b.intrinsics.matrix(), rtol=1e-6, err_msg="camera of the pictures handed over"
+        )
     for index in range(len(sequence)):
+        T_map_camera = sequence.T_map_world @ sequence.poses[index]
+        assert abs(T_map_camera[2, 3] - map_pose(0)[2, 3]) < 0.01, "height over the floor"
+        assert T_map_camera[2, 2] == pytest.approx(map_pose(0)[2, 2], abs=0.01), "pitch"
+        color, depth = sequence.files(index)
+        assert color.exists() and depth.exists()
+        assert color == depth == sequence.path or color != depth
+        # Colour lies on depth.
         ids = reference.segmentation(index).ids
         off = np.abs(sequence.color(index).astype(int)[..., None, :] - COLORS.astype(int)).sum(axis=-1).argmin(axis=-1)
         agreed = (off == ids)[reference.read(index).depth_m > 0].mean()
         assert agreed == 1 if sample.exact_color and sample.lossless else agreed > 0.97
 
 
-def test_converted_folder_gives_the_same_map(opened, tmp_path):
+def test_the_map_is_that_of_the_same_frames_also_of_the_converted_folder(opened, tmp_path):
     _, sequence, reference = opened
+    ours = built(sequence, reference)
+    same_maps(ours, built(reference, reference))
     steps = []
     manifest = write_posed_frames(sequence, tmp_path / "out", progress=lambda done, total: steps.append((done, total)))
     assert steps == [(i + 1, len(sequence)) for i in range(len(sequence))]
@@ -118,40 +113,20 @@ def test_converted_folder_gives_the_same_map(opened, tmp_path):
     for index in range(len(sequence)):
         np.testing.assert_array_equal(converted.read(index).depth_m, sequence.read(index).depth_m)
         assert np.abs(converted.color(index).astype(int) - sequence.color(index)).mean() < 8
-    same_maps(built(converted, reference), built(sequence, reference))
+    same_maps(built(converted, reference), ours)
     assert [p.name for p in tmp_path.iterdir()] == ["out"], "nothing is left over"
 
 
-def test_threads_may_read_at_once(opened):
-    _, sequence, _ = opened
-    with ThreadPoolExecutor(4) as pool:
-        frames = list(pool.map(lambda i: sequence.read(i % len(sequence), color=True), range(16)))
-    for frame in frames:
-        np.testing.assert_array_equal(frame.depth_m, sequence.read(frame.index).depth_m)
-
-
-def test_without_a_segmentation_there_is_one_clear_line(opened):
-    _, sequence, _ = opened
-    if len(sequence.labels) > 1:
-        pytest.skip("this format brings segments")
-    with pytest.raises(
-        InputError, match=r"expected a segmentation, found none in this .* recording.*--segmentation"
-    ) as e:
-        build_map(sequence)
-    assert "\n" not in str(e.value) and str(sequence.path) in str(e.value)
-
-
-def test_only_one_reader_knows_it(opened):
+def test_one_reader_knows_it_and_without_a_segmentation_there_is_one_clear_line(opened):
     sample, sequence, _ = opened
     knowing = [reader for reader in readers() if reader.recognise(sample.path)]
     assert [reader.facts.title for reader in knowing] == [sequence.recording.facts.title]
     reader = recognise(sample.reference)
     assert reader is not None and reader.facts.title == "posed-frames/1"
-
-
-def test_every_frame_names_the_files_it_lies_in(opened):
-    _, sequence, _ = opened
-    for index in range(len(sequence)):
-        color, depth = sequence.files(index)
-        assert color.exists() and depth.exists()
-        assert color == depth == sequence.path or color != depth
+    if len(sequence.labels) > 1:
+        return
+    with pytest.raises(
+        InputError, match=r"expected a segmentation, found none in this .* recording.*--segmentation"
+    ) as e:
+        build_map(sequence)
+    assert "\n" not in str(e.value) and str(sequence.path) in str(e.value)

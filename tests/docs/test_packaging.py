@@ -21,8 +21,6 @@ import pytest
 from docs_pages import PAGES, links
 from sequences import write_tiny_sequence
 
-from simaps_viz.scenes.demo import DemoSettings
-
 ROOT = Path(__file__).parents[2]
 MAX_SDIST_BYTES = 10_000_000
 
@@ -118,12 +116,11 @@ def test_the_source_archive_has_sources_and_no_recordings(built):
     assert built.sdist.stat().st_size < MAX_SDIST_BYTES
 
 
-@pytest.mark.parametrize("page", PAGES)
-def test_what_the_pages_link_to_is_in_the_source_archive(built, page):
+def test_what_the_pages_link_to_is_in_the_source_archive(built):
     with tarfile.open(built.sdist) as archive:
         names = {member.name.partition("/")[2] for member in archive.getmembers()}
     folders = {str(folder) for name in names for folder in Path(name).parents}
-    for target in links(page):
+    for page, target in [(one, target) for one in PAGES for target in links(one)]:
         there = os.path.normpath(Path(page).parent / target)
         assert there in names | folders, f"{page}: {target}"
 
@@ -144,37 +141,6 @@ def test_every_module_is_imported_from_the_wheel(fresh, tmp_path):
 def test_the_installed_command_builds_and_answers(fresh, tiny):
     assert "simaps" in run_there(fresh, tiny, "simaps", "--help")
     assert '"chair": 2' in run_there(fresh, tiny, "simaps", "info", "tiny.npz", "--json")
-
-
-def test_the_installed_demo_renders_maps_and_records(fresh, tmp_path):
-    """All that `simaps demo` does before it serves the page, on fewer and smaller pictures."""
-    small = DemoSettings(frames=8, width=160, height=120)
-    code = (
-        "import sys; from simaps_viz.cli import main as cli; from simaps_viz.scenes import demo;"
-        f"whole, small = demo.ensure_demo, demo.{small!r};"
-        "demo.ensure_demo = lambda **given: whole(settings=small, **given);"
-        "sys.exit(cli.main(['demo', '--no-serve']))"
-    ).replace("sensor=DepthSensor", "sensor=demo.DepthSensor")
-    run_there(fresh, tmp_path, "python", "-c", code, SIMAPS_CACHE=str(tmp_path / "cache"))
-    written = [path.suffix for path in (tmp_path / "cache" / "maps").iterdir()]
-    assert {".npz", ".rrd"} <= set(written)
-
-
-@pytest.mark.parametrize(
-    ("code", "missing", "says"),
-    [
-        ("import simaps_viz as s; s.to_pandas(s.load_map(p('tiny.npz')))", "pandas", "simaps-viz[pandas]"),
-    ],
-)
-def test_a_missing_extra_is_named_in_one_line(fresh, tiny, code, missing, says):
-    hiding = (
-        f"import sys; sys.modules[{missing!r}] = None\n"
-        "from pathlib import Path as p\nfrom simaps_viz import InputError\n"
-        f"try:\n    {code}\nexcept InputError as error:\n    print(error)\n"
-    )
-    said = run_there(fresh, tiny, "python", "-c", hiding)
-    assert f"expected the package {missing}, found it not installed" in said and says in said
-    assert said.count("\n") == 1
 
 
 def test_the_rest_works_without_the_extras(fresh, tiny):

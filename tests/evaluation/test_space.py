@@ -199,8 +199,8 @@ def test_the_command_prints_a_table_and_writes_everything(tmp_path, capsys):
 @pytest.mark.slow
 @pytest.mark.skipif(not SHARED.is_dir(), reason=f"{SHARED} is not on this machine")
 def test_two_other_programs_agree(tmp_path):
-    """On every fourth frame, as one of them reads them all for a minute: things are seen in part, scores are mixed."""
-    folder = thinned(HOUSE, tmp_path, 4)
+    """On every twelfth frame, as one of them reads them all for a minute: things are seen in part, scores are mixed."""
+    folder = thinned(HOUSE, tmp_path, 12)
     house = open_sequence(folder)
     simap = build(house, "evidence")
     save_map(simap, tmp_path / "house.npz")

@@ -25,7 +25,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -55,6 +55,7 @@ class Verdict(NamedTuple):
     why: str
 
 
+@cache  # what is worked out of a map, such as its objects in space, is worked out once for all rounds
 def load_round_map(name: str, folder: Path | None = None) -> SIMap | None:
     """Load the map that a round calls by this name; None where it is not at hand."""
     if name == "toy":

@@ -51,7 +51,7 @@ def test_a_chair_moved_between_two_drives_is_reported_as_moved_and_nothing_else(
     assert np.linalg.norm(np.subtract(change.from_m, here)) < 0.15
     assert np.linalg.norm(np.subtract(change.at_m, here + BY_M)) < 0.15
     # It stands there and nowhere else, and the map is one of what is there now.
-    assert simap.counts()["chair"] == run_of(tmp_path, after)[0].counts()["chair"]
+    assert simap.counts()["chair"] == map_of_a_drive()[0].counts()["chair"]
     assert simap.by_id(change.id).label == "chair" and simap.at(*here) is None
     assert f"moved by {np.hypot(*BY_M):.1f} m" in facts_html(simap, simap.by_id(change.id))
     assert "1 moved" in run.words()

@@ -56,19 +56,17 @@ believes = st.sampled_from(
 
 
 @given(evidence(), believes)
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_steps_are_the_twins_ties_included(case: Case, belief):
     assert steps_of(pool(*case, belief)) == rounded(plain_pool(*case, belief))
 
 
 @given(evidence(most=1), believes)
-@settings(max_examples=200, deadline=None)
 def test_steps_are_the_twins_where_nearly_all_is_tied(case: Case, belief):
     assert steps_of(pool(*case, belief)) == rounded(plain_pool(*case, belief))
 
 
 @given(evidence(), st.sampled_from([0.2, 0.5, 0.6, 0.9]))
-@settings(max_examples=200, deadline=None)
 def test_no_step_is_made_once_the_best_affinity_is_too_low(case: Case, above):
     every, sums = steps_of(pool(*case, PoolSettings())), sum_pairs(*case)
     low = next((at for at, step in enumerate(every) if step[2] <= np.float32(above)), len(every))
@@ -77,7 +75,6 @@ def test_no_step_is_made_once_the_best_affinity_is_too_low(case: Case, above):
 
 
 @given(st.lists(evidence(), max_size=4), believes)
-@settings(max_examples=200, deadline=None)
 def test_parts_that_have_nothing_to_do_with_each_other_are_joined_as_if_all_were_one(parts: list[Case], belief):
     found = join([sum_pairs(*case) for case in parts], belief)
     columns, first, cells = [[] for _ in range(5)], 0, 0
@@ -104,9 +101,8 @@ def random_case(seed: int, communities: int, edges: int) -> Case:
 
 
 @pytest.mark.parametrize(("communities", "edges"), [(40, 780), (60, 500), (120, 400)])
-@pytest.mark.parametrize("seed", range(2))
-def test_many_communities_are_the_twins(seed, communities, edges):
-    case = random_case(seed, communities, edges)
+def test_many_communities_are_the_twins(communities, edges):
+    case = random_case(1, communities, edges)
     found = steps_of(pool(*case, PoolSettings()))
     assert found == rounded(plain_pool(*case, PoolSettings())) and len(found) > communities // 2
 

@@ -63,7 +63,7 @@ def test_a_killed_builds_recording_is_mended(tmp_path):
     torn = tmp_path / "torn.rrd"
     torn.write_bytes(left.read_bytes()[:-7])
     assert repair_recording(torn, torn) <= frames and verified(torn)
-    for junk in (b"", b"junk" * 100, left.read_bytes()[:100]):
+    for junk in (b"", left.read_bytes()[:100]):
         torn.write_bytes(junk)
         with pytest.raises(InputError, match="found no whole frame in it"):
             repair_recording(torn, record)
