@@ -66,8 +66,10 @@ def test_a_person_sets_how_much_of_the_objects_colours_lies_over_the_photo(sessi
         assert session.scene._images["/map"][1]._data == png(expected)
     whole, own = map_image(simap, "photo", tint=1.0), cell_colors(simap, "instance")
     assert (whole == own)[simap.instance > 0].all()
+    assert "objects are outlined" in panel._legend.content
     session.look(SLANT)
     assert session.wait_idle() and not panel._tint.visible  # the surface has one colour at a time
+    assert "outlined" not in panel._legend.content and "as the cameras saw it" in panel._legend.content
 
 
 def test_the_cut_hides_nodes_and_sends_none_anew(session):

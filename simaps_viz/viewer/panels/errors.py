@@ -23,7 +23,7 @@ LISTED = 6
 """Entries on a page of the list."""
 ERRORS, DOUBTS = "Worst errors", "Doubtful objects"
 KNOWN = "What is true in this place is known. Press one: the map goes there, true outlines are pink."
-END = "No errors from here on: outlines that are not quite right, and very small things."
+END = "No errors from here on: outlines more than half right, and very small things."
 UNKNOWN = "Nobody has said what is true in this place. "
 LEAST_SURE = (
     "These are the objects that the map itself is least sure of, the most doubtful first. "
@@ -113,7 +113,8 @@ class ErrorsPanel(Panel):
             self._truth = self._maker.make(TRUTH, simap, self._tell)
             found = compare_two(("This map", simap), ("The truth", self._truth), truth="right")
             entries = [self._with_change(error_entry(item, found.left, found.right), item) for item in found.items]
-            head = f"{plural(len(found.differences), 'error')}, the worst first. {KNOWN}"
+            wrong = len(found.differences)
+            head = f"{plural(wrong, 'error')}{', the worst first' * (wrong > 1)}. {KNOWN}"
         else:
             entries = doubt_entries(simap, specks_on(self._page))
             head = f"{'' if self._known else UNKNOWN}{LEAST_SURE if entries else 'No object is doubtful.'}"

@@ -192,6 +192,7 @@ class MapPanel(Panel):
             self._in_space, self._other_mode = surface, before
             self._mode.value = now if now in self._mode.options else "instance"
             self._offer_tint()
+            self._page.repaint()  # also where both views have one mode: the legend says what is outlined
 
     def _offer_tint(self) -> None:
         on_photo = self.mode == "photo" and not self._in_space
