@@ -138,16 +138,16 @@ class SurfaceColors:
 
         What touches nothing of its class that was seen has the mean colour of the class.
         """
-        of, spec, known = self.of, self.of.spec, self.total[:, 3] > 0
-        rgb = (self.total[:, :3] // np.maximum(self.total[:, 3:], 1)).astype(np.uint8)
+        of, spec = self.of, self.of.spec
+        classes = owned_runs(self.simap, of)[0]
+        known, rgb, sums = _means(self.total, self.first, classes + 1, len(self.simap.grid.labels) + 1)
         if not known.all():
-            classes = owned_runs(self.simap, of)[0]
-            of_class = np.repeat(classes, np.diff(self.first)) + 1
-            seen = [np.bincount(of_class, self.total[:, k]) for k in range(4)]
-            mean = np.stack(seen[:3], axis=1) / np.maximum(seen[3], 1.0)[:, None]
-            mean[seen[3] == 0] = UNSEEN
+            mean = sums[:, :3] / np.maximum(sums[:, 3:], 1)
+            mean[sums[:, 3] == 0] = UNSEEN
             _spread(spec.rows, spec.cols, of.cell, of.low, of.high, classes, self.runs_of, self.first, known, rgb)
-            rgb[~known] = mean[of_class[~known]].astype(np.uint8)
+            missed = np.flatnonzero(~known)
+            run_of = np.searchsorted(self.first, missed, side="right") - 1
+            rgb[missed] = mean[classes[run_of] + 1].astype(np.uint8)
         return replace(self.of, color=coded_colors(rgb))
 
 
@@ -162,19 +162,45 @@ def _add_colors(
     first: NDArray,  # int64 [runs + 1]
     total: NDArray,  # in/out int32 [voxels, 4]
 ) -> None:
+    voxel, at_cell, at_step = -1, -1, 0
     for v in range(cells.shape[0]):
         for u in range(cells.shape[1]):
             c = cells[v, u]
             if c < 0:
                 continue
+            # Pixels side by side mostly share their voxel.
             step = math.floor(heights[v, u] * STEPS_PER_M + ON_A_STEP)
-            for run in range(runs_of[c], runs_of[c + 1]):
-                if low[run] <= step <= high[run]:
-                    voxel = first[run] + step - low[run]
-                    for channel in range(3):
-                        total[voxel, channel] += color[v, u, channel]
-                    total[voxel, 3] += 1
-                    break
+            if c != at_cell or step != at_step:
+                voxel, at_cell, at_step = -1, c, step
+                for run in range(runs_of[c], runs_of[c + 1]):
+                    if low[run] <= step <= high[run]:
+                        voxel = first[run] + step - low[run]
+                        break
+            if voxel >= 0:
+                for channel in range(3):
+                    total[voxel, channel] += color[v, u, channel]
+                total[voxel, 3] += 1
+
+
+@njit(cache=True, nogil=True)
+def _means(
+    total: NDArray,  # int32 [voxels, 4]
+    first: NDArray,  # int64 [runs + 1]
+    group: NDArray,  # int16 [runs]
+    groups: int,
+) -> tuple[NDArray, NDArray, NDArray]:
+    """Return which voxels have a colour, bool, their colours uint8 [voxels, 3], and the sums of each group of runs."""
+    known, rgb = np.zeros(len(total), np.bool_), np.zeros((len(total), 3), np.uint8)
+    sums = np.zeros((groups, 4), np.int64)
+    for run in range(len(group)):
+        for voxel in range(first[run], first[run + 1]):
+            if total[voxel, 3] > 0:
+                known[voxel] = True
+                for channel in range(3):
+                    rgb[voxel, channel] = total[voxel, channel] // total[voxel, 3]
+                for k in range(4):
+                    sums[group[run], k] += total[voxel, k]
+    return known, rgb, sums
 
 
 @njit(cache=True, nogil=True)
@@ -201,24 +227,30 @@ def _spread(
                 n += 1
             else:
                 missed[run] += 1
+    # Voxels of one run follow each other: the runs around it are looked for once, without branches.
+    around, size, around_run = np.zeros(len(cell), np.int32), 0, -1
     done = 0
     while done < n:
         run, step = run_of[done], step_of[done]
         done += 1
+        if run != around_run:
+            size, around_run = 0, run
+            row, col = cell[run] // cols, cell[run] % cols
+            for r in range(max(row - 1, 0), min(row + 2, rows)):
+                for other in range(runs_of[r * cols + max(col - 1, 0)], runs_of[r * cols + min(col + 2, cols)]):
+                    near = (low[other] <= high[run] + 1) & (high[other] >= low[run] - 1)
+                    around[size] = other
+                    size += near & (missed[other] > 0) & (label[other] == label[run])
         voxel = first[run] + step - low[run]
-        row, col = cell[run] // cols, cell[run] % cols
-        for r in range(max(row - 1, 0), min(row + 2, rows)):
-            for other in range(runs_of[r * cols + max(col - 1, 0)], runs_of[r * cols + min(col + 2, cols)]):
-                if missed[other] == 0 or label[other] != label[run]:
-                    continue
-                for near in range(max(step - 1, low[other]), min(step + 1, high[other]) + 1):
-                    k = first[other] + near - low[other]
-                    if not known[k]:
-                        known[k] = True
-                        missed[other] -= 1
-                        rgb[k] = rgb[voxel]
-                        run_of[n], step_of[n] = other, near
-                        n += 1
+        for other in around[:size]:
+            for its in range(max(step - 1, low[other]), min(step + 1, high[other]) + 1):
+                k = first[other] + its - low[other]
+                if not known[k]:
+                    known[k] = True
+                    missed[other] -= 1
+                    rgb[k, 0], rgb[k, 1], rgb[k, 2] = rgb[voxel, 0], rgb[voxel, 1], rgb[voxel, 2]
+                    run_of[n], step_of[n] = other, its
+                    n += 1
 
 
 @dataclass

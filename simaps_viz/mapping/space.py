@@ -197,17 +197,19 @@ def _elected_nodes(grid: Grid, seen: _Seen, lowest: int, weight_of_label: NDArra
                 break
             following, label, steps = (np.resize(one, len(one) * 5 // 4) for one in (following, label, steps))
             following[size:], steps[size:] = 0, 0
-    # Where two classes were seen at one place, count how often each was.
-    contested = _contested(following, steps, grid.label.size, size)
+    # From here on the entries of a cell lie side by side. Where classes share a step, count how often each was seen.
+    first, label, steps = _by_cell(following, label, steps, grid.label.size, size)
+    del following
+    contested = _contested(first, steps)
     start = contested[2]
     if start[-1]:
         votes = np.zeros(start[-1], np.uint16)
         for cell, of_label, _, low, high, _ in seen:
-            _count(cell, of_label, low, high, lowest, following, label, *contested, votes)
-        _elect(following, label, steps, *contested, votes, grid.label.size, weight_of_label)
+            _count(cell, of_label, low, high, lowest, first, label, *contested, votes)
+        _elect(first, label, steps, *contested, votes, weight_of_label)
     del contested, start
     thing = np.array(grid.is_thing) & (np.arange(len(grid.labels)) > 0)
-    return _Nodes(*_cut(following, label, steps, grid.label.size, thing))
+    return _Nodes(*_cut(first, label, steps, thing))
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -251,11 +253,38 @@ def _gather(
 
 
 @njit(cache=True, nogil=True)
-def _contested(
-    following: NDArray,  # int32 [entries]
+def _by_cell(
+    following: NDArray,  # int32 [entries], as `_gather` leaves it, with the two that follow
+    label: NDArray,  # int16 [entries]
     steps: NDArray,  # uint64 [entries]
     cells: int,
     size: int,
+) -> tuple[NDArray, NDArray, NDArray]:
+    """Lay the entries of each cell side by side, in the order met, without those that have no step.
+
+    Returns:
+        int32 [cells + 1], the first entry of each cell; and of each entry its class, int16, and its steps, uint64.
+    """
+    n = np.count_nonzero(steps[:size])
+    first, of_label, of_steps = np.zeros(cells + 1, np.int32), np.zeros(n, np.int16), np.zeros(n, np.uint64)
+    n = 0
+    for c in range(cells):
+        at = c
+        while True:
+            if steps[at] != 0:
+                of_label[n], of_steps[n] = label[at], steps[at]
+                n += 1
+            at = following[at]
+            if at == 0:
+                break
+        first[c + 1] = n
+    return first, of_label, of_steps
+
+
+@njit(cache=True, nogil=True)
+def _contested(
+    first: NDArray,  # int32 [cells + 1]
+    steps: NDArray,  # uint64 [entries]
 ) -> tuple[NDArray, NDArray, NDArray]:
     """Number the entries of the cells in which two classes share a step.
 
@@ -263,34 +292,24 @@ def _contested(
         int32 [entries], -1 = not such an entry; uint64 [n], the steps of each that others share; and int64 [n + 1],
         where its votes start, one number for each of these steps, ascending.
     """
-    slot = np.full(size, -1, np.int32)
-    n = 0
+    slot = np.full(len(steps), -1, np.int32)
+    shared_of, start = np.zeros(0, np.uint64), np.zeros(1, np.int64)
     for fill in range(2):
-        if fill:
-            shared_of, start = np.zeros(n, np.uint64), np.zeros(n + 1, np.int64)
         n = 0
-        for c in range(cells):
-            if following[c] == 0:
-                continue
-            known, shared, at = np.uint64(0), np.uint64(0), c
-            while True:
+        for c in range(len(first) - 1):
+            known, shared = np.uint64(0), np.uint64(0)
+            for at in range(first[c], first[c + 1]):
                 shared |= known & steps[at]
                 known |= steps[at]
-                at = following[at]
-                if at == 0:
-                    break
             if shared == 0:
                 continue
-            at = c
-            while True:
-                slot[at] = n
+            for at in range(first[c], first[c + 1]):
                 if fill:
-                    shared_of[n] = shared & steps[at]
+                    slot[at], shared_of[n] = n, shared & steps[at]
                     start[n + 1] = start[n] + count_bits(shared_of[n])
                 n += 1
-                at = following[at]
-                if at == 0:
-                    break
+        if not fill:
+            shared_of, start = np.zeros(n, np.uint64), np.zeros(n + 1, np.int64)
     return slot, shared_of, start
 
 
@@ -301,7 +320,7 @@ def _count(
     low: NDArray,  # int8 [m]
     high: NDArray,  # int8 [m]
     lowest: int,
-    following: NDArray,  # int32 [entries]
+    first: NDArray,  # int32 [cells + 1]
     label: NDArray,  # int16 [entries]
     slot: NDArray,  # int32 [entries], as `_contested` returns it, with the two that follow
     shared_of: NDArray,  # uint64 [contested]
@@ -310,81 +329,66 @@ def _count(
 ) -> None:
     """Count the votes of one frame; the shared steps of a run follow each other."""
     for i in range(len(cell)):
-        at = cell[i]
-        if slot[at] < 0:
-            continue
-        while label[at] != label_of[i]:
-            at = following[at]
-        shared = shared_of[slot[at]]
-        of_run = shared & _mask(low[i], high[i], lowest)
-        first = start[slot[at]] + count_bits(shared & below_lowest(of_run))
-        for k in range(first, first + count_bits(of_run)):
-            if votes[k] < _MOST_VOTES:
-                votes[k] += 1
+        for at in range(first[cell[i]], first[cell[i] + 1]):
+            if slot[at] < 0:
+                break
+            if label[at] != label_of[i]:
+                continue
+            shared = shared_of[slot[at]]
+            of_run = shared & _mask(low[i], high[i], lowest)
+            begin = start[slot[at]] + count_bits(shared & below_lowest(of_run))
+            for k in range(begin, begin + count_bits(of_run)):
+                if votes[k] < _MOST_VOTES:
+                    votes[k] += 1
+            break
 
 
 @njit(cache=True, nogil=True)
-def _elect(  # noqa: C901 - one loop over shared arrays
-    following: NDArray,  # int32 [entries]
+def _elect(
+    first: NDArray,  # int32 [cells + 1]
     label: NDArray,  # int16 [entries]
     steps: NDArray,  # in/out uint64 [entries]
     slot: NDArray,  # int32 [entries], as `_contested` returns it, with the two that follow
     shared_of: NDArray,  # uint64 [contested]
     start: NDArray,  # int64 [contested + 1]
     votes: NDArray,  # uint16 [shared steps]
-    cells: int,
     weight: NDArray,  # float64 [labels]
 ) -> None:
     """Leave every contested step to the class with the heaviest votes; ties go to the class met first."""
     one = np.uint64(1)
-    for c in range(cells):
-        if slot[c] < 0:
-            continue
-        left, at = np.uint64(0), c
-        while True:
-            left |= shared_of[slot[at]]
-            at = following[at]
-            if at == 0:
-                break
+    for c in range(len(first) - 1):
+        left = np.uint64(0)
+        for at in range(first[c], first[c + 1]):
+            if slot[at] >= 0:
+                left |= shared_of[slot[at]]
         while left:
             bit = left & (~left + one)
             left &= ~bit
-            best, heaviest, at = -1, 0.0, c
-            while True:
+            best, heaviest = -1, 0.0
+            for at in range(first[c], first[c + 1]):
                 row = slot[at]
                 if shared_of[row] & bit:
                     votes_here = votes[start[row] + count_bits(shared_of[row] & (bit - one))] * weight[label[at]]
                     if best < 0 or votes_here > heaviest:
                         best, heaviest = at, votes_here
-                at = following[at]
-                if at == 0:
-                    break
-            at = c
-            while True:
+            for at in range(first[c], first[c + 1]):
                 if at != best:
                     steps[at] &= ~bit
-                at = following[at]
-                if at == 0:
-                    break
 
 
 @njit(cache=True, nogil=True)
 def _cut(
-    following: NDArray,  # int32 [entries]
+    first: NDArray,  # int32 [cells + 1]
     label: NDArray,  # int16 [entries]
     steps: NDArray,  # uint64 [entries]
-    cells: int,
     thing: NDArray,  # bool [labels], what is cut at gaps
 ) -> tuple[NDArray, NDArray, NDArray]:
     """Return the nodes: cell int32, ascending, class int16, steps uint64."""
-    n = 0
+    of_cell, of_label, of_steps = np.zeros(0, np.int32), np.zeros(0, np.int16), np.zeros(0, np.uint64)
     for fill in range(2):
-        if fill:
-            of_cell, of_label, of_steps = np.zeros(n, np.int32), np.zeros(n, np.int16), np.zeros(n, np.uint64)
         n = 0
-        for c in range(cells):
-            at = c
-            while True:
+        for c in range(len(first) - 1):
+            for at in range(first[c], first[c + 1]):
                 left = steps[at]
                 while left:
                     part = lowest_run(left) if thing[label[at]] else left
@@ -392,9 +396,8 @@ def _cut(
                     if fill:
                         of_cell[n], of_label[n], of_steps[n] = c, label[at], part
                     n += 1
-                at = following[at]
-                if at == 0:
-                    break
+        if not fill:
+            of_cell, of_label, of_steps = np.zeros(n, np.int32), np.zeros(n, np.int16), np.zeros(n, np.uint64)
     return of_cell, of_label, of_steps
 
 
@@ -531,10 +534,9 @@ class _Partition:
         )
         # 1. Same or different, of neighbouring nodes; Louvain joins the lower ones to finest communities.
         same, different = np.zeros(len(other), np.int32), np.zeros(len(other), np.int32)
-        sight = _Sight(nodes, starts, lowest, matters)
-        for frame, (cell, label, segment, low, high, _) in enumerate(seen):
-            at = sight.look(frame, cell, label, segment, low, high)
-            _count_neighbours(at, number, start, other, sight.frame, sight.segment, frame, same, different)
+        sights = _Sights(nodes, starts, lowest, matters, seen)
+        for frame, (at, _, _) in enumerate(sights):
+            _count_neighbours(at, number, start, other, sights.frame, sights.segment, frame, same, different)
         first = np.repeat(np.arange(len(self.lower), dtype=np.int32), np.diff(start))
         weight = same / (same + different + 1.0)
         strong = np.flatnonzero((weight > MIN_PAIR_AFFINITY) & (number[other] >= 0))
@@ -542,72 +544,90 @@ class _Partition:
             weight[strong], first[strong], number[other[strong]], len(self.lower),
             resolution=settings.resolution, seed=settings.seed,
         )  # fmt: skip
-        sight.forget()
         # 2. Parts are the objects of the map, then the finest communities. Evidence on each two, over all frames.
-        objects, unit = np.unique(self.top, return_inverse=True)
-        if not len(objects) or objects[0] != 0:
-            objects, unit = np.r_[np.int32(0), objects], unit + 1
-        tops = len(objects) - 1
-        unit = (unit - 1).astype(np.int32)
+        objects = np.flatnonzero(np.bincount(self.top)[1:]) + 1
+        tops = len(objects)
+        unit = (np.searchsorted(objects, np.arange(int(self.top.max()) + 1)).astype(np.int32))[self.top]
         unit[self.lower] = community + tops
         units = tops + int(community.max(initial=-1)) + 1
         nodes_of = np.bincount(unit, minlength=units)
-        pooled, seen_in, named = self._pooled(seen, sight, unit, tops, nodes_of)
         touching = np.stack([unit[self.lower[first[touches]]], unit[other[touches]]], axis=1)
+        touching = np.sort(touching[touching[:, 0] != touching[:, 1]], axis=1)
+        pooled, seen_in, named = self._pooled(sights, unit, tops, nodes_of, touching)
         # 3. Join them, best first.
-        root = _join(units, tops, pooled, touching, nodes_of, settings)
+        root = _join(units, tops, pooled, _among(pooled[0], touching), nodes_of, settings)
         group = root[unit[self.lower]]
-        instance = np.where(group < tops, objects[1:][np.minimum(group, max(tops - 1, 0))] if tops else 0, 0)
+        instance = np.where(group < tops, np.r_[objects, 0][np.minimum(group, tops)], 0)
         score = np.bincount(root, named[0], units) / np.maximum(np.bincount(root, named[1], units), 1e-9)
         frames = np.bincount(np.unique(root[seen_in >> 32] << 32 | seen_in & _LOW) >> 32, minlength=units)
         return _Groups(group, instance.astype(np.int32), self.lower, frames, score)
 
     def _pooled(
-        self, seen: _Seen, sight: "_Sight", unit: NDArray, tops: int, nodes_of: NDArray
-    ) -> tuple[NDArray, NDArray, tuple[NDArray, NDArray]]:
-        """Sum up the evidence on every two parts.
+        self, sights: "_Sights", unit: NDArray, tops: int, nodes_of: NDArray, touching: NDArray
+    ) -> tuple["_Evidence", NDArray, tuple[NDArray, NDArray]]:
+        """Sum up the evidence on every two parts that were seen together or are among those that touch, int32 [t, 2].
 
         Returns:
-            float64 [p, 4]: part, part, same, different; int64 [s], a lower part, shifted by 32 bits, and a frame that
-            saw it; and of each part the confidence of segments and the nodes they named, float64 [units].
+            The evidence; int64 [s], a lower part, shifted by 32 bits, and a frame that saw it; and of each part the
+            confidence of segments and the nodes they named, float64 [units].
         """
-        sums, waiting, seen_in = np.zeros((0, 4)), [], []
-        named = np.zeros(len(nodes_of)), np.zeros(len(nodes_of))
-        size = 0
-        for frame, (cell, label, segment, low, high, score) in enumerate(seen):
-            at = sight.look(frame, cell, label, segment, low, high)
-            of_unit, of_segment = unit[at], sight.segment[at]
-            _add_scores(of_unit, of_segment, score, *named)
-            parts, pairs = _pairs(of_unit, of_segment, self.nodes.label[at], nodes_of, tops)
+        units = len(nodes_of)
+        waiting, size, seen_in = [(touching, np.zeros((len(touching), 2)))], 0, [np.zeros(0, np.int64)]
+        named, place = (np.zeros(units), np.zeros(units)), np.full(units, -1, np.int32)
+        for frame, (at, segment, score) in enumerate(sights):
+            of_unit = unit[at]
+            _add_scores(of_unit, segment, score, *named)
+            parts, ends, evidence = _pairs(of_unit, segment, self.nodes.label[at], nodes_of, tops, place)
             seen_in.append(parts[parts >= tops].astype(np.int64) << 32 | frame)
-            waiting.append(pairs)
-            size += len(pairs)
+            waiting.append((ends, evidence))
+            size += len(ends)
             if size > _FLUSH:
-                sums, waiting, size = _summed(np.concatenate([sums, *waiting]), len(nodes_of)), [], 0
-        rows = _summed(np.concatenate([sums, *waiting]), len(nodes_of))
-        return rows, np.concatenate([np.zeros(0, np.int64), *seen_in]), named
+                waiting, size = [_all_summed(waiting, units)], 0
+        return _all_summed(waiting, units), np.concatenate(seen_in), named
 
 
-class _Sight:
-    """Which nodes one frame saw, and in which segment."""
+_Evidence = tuple[NDArray, NDArray]
+"""What was seen of every two parts: the parts, int32 [p, 2], and how much as the same and as different, float64 [p, 2].
+"""
 
-    def __init__(self, nodes: _Nodes, starts: NDArray, lowest: int, matters: NDArray) -> None:
-        self.nodes, self.starts, self.lowest, self.matters = nodes, starts, lowest, matters
-        count = len(nodes.cell)
+
+@dataclass(eq=False)
+class _Sights:
+    """Which nodes each frame saw, and in which segment; as often as asked for."""
+
+    nodes: _Nodes
+    starts: NDArray
+    """int32 [cells + 1], the first node of each cell."""
+    lowest: int
+    matters: NDArray
+    """bool [labels], classes of the nodes."""
+    seen: _Seen
+
+    def __post_init__(self) -> None:
+        count = len(self.nodes.cell)
         self.frame, self.segment = np.full(count, -1, np.int32), np.zeros(count, np.int32)
         """int32 [nodes], the frame that saw the node last, and the segment with most of its steps."""
         self._steps = np.zeros(count, np.int8)
+        self._held: list[tuple[NDArray, NDArray, NDArray]] = []
 
-    def forget(self) -> None:
-        """Begin anew with the first frame."""
+    def __iter__(self) -> Iterator[tuple[NDArray, NDArray, NDArray]]:
+        """Yield of each frame the nodes that it saw, int32, in the order met, their segments, and segments' scores.
+
+        Frames in memory are looked at once.
+        """
+        if self._held:
+            yield from self._held
+            return
         self.frame.fill(-1)
-
-    def look(self, frame: int, cell: NDArray, label: NDArray, segment: NDArray, low: NDArray, high: NDArray) -> NDArray:
-        """Take the runs of the next frame; return the nodes that it saw, int32, in the order met."""
-        return _look(
-            frame, cell, label, segment, low, high, self.lowest, self.matters, self.starts, self.nodes.label,
-            self.nodes.steps, self.frame, self.segment, self._steps,
-        )  # fmt: skip
+        for frame, (cell, label, segment, low, high, score) in enumerate(self.seen):
+            at = _look(
+                frame, cell, label, segment, low, high, self.lowest, self.matters, self.starts, self.nodes.label,
+                self.nodes.steps, self.frame, self.segment, self._steps,
+            )  # fmt: skip
+            found = at, self.segment[at], score
+            if self.seen.frames.all_held:
+                self._held.append(found)
+            yield found
 
 
 @njit(cache=True, nogil=True)
@@ -741,13 +761,55 @@ def _add_scores(
 
 
 @njit(cache=True, nogil=True)
+def _rows(
+    unit: NDArray,  # int32 [k], as for `_pairs`, with the three that follow
+    segment: NDArray,  # int32 [k]
+    label: NDArray,  # int16 [k]
+    place: NDArray,  # int32 [units]
+) -> tuple[NDArray, NDArray, NDArray, NDArray, NDArray, NDArray, NDArray]:
+    """Count the nodes of each part by segment.
+
+    Returns:
+        part int32, in the order met, its class int16, its nodes float64 and its first row int32. A row is a segment
+        int32, how many nodes of the part lie in it float64, and the row after it int32, -1 = none; they ascend.
+    """
+    row_segment, row_nodes = np.zeros(len(unit), np.int32), np.zeros(len(unit))
+    following, head = np.full(len(unit), -1, np.int32), np.full(len(unit), -1, np.int32)
+    part, nodes, of_label = np.zeros(len(unit), np.int32), np.zeros(len(unit)), np.zeros(len(unit), np.int16)
+    rows, parts = 0, 0
+    for i in range(len(unit)):
+        p = place[unit[i]]
+        if p < 0:
+            p = place[unit[i]] = parts
+            part[p], of_label[p] = unit[i], label[i]
+            parts += 1
+        nodes[p] += 1.0
+        before, row = -1, head[p]
+        while row >= 0 and row_segment[row] < segment[i]:
+            before, row = row, following[row]
+        if row < 0 or row_segment[row] != segment[i]:
+            row_segment[rows], following[rows] = segment[i], row
+            if before < 0:
+                head[p] = rows
+            else:
+                following[before] = rows
+            row = rows
+            rows += 1
+        row_nodes[row] += 1.0
+    for one in part[:parts]:
+        place[one] = -1
+    return part[:parts], of_label, nodes, head, row_segment, row_nodes, following
+
+
+@njit(cache=True, nogil=True)
 def _pairs(
     unit: NDArray,  # int32 [k], parts of the nodes that a frame saw
     segment: NDArray,  # int32 [k]
-    label: NDArray,  # int16 [k]
+    label: NDArray,  # int16 [k], of a part always the same
     nodes_of: NDArray,  # int64 [units], how many each part has
     tops: int,
-) -> tuple[NDArray, NDArray]:
+    place: NDArray,  # int32 [units], scratch: all -1, and so again in the end
+) -> tuple[NDArray, NDArray, NDArray]:
     """Return the parts that one frame saw, int32, and what it says about every two of a class.
 
     Two parts are one as far as their nodes lie in the same segments. That counts as many nodes as were seen of the one
@@ -755,117 +817,122 @@ def _pairs(
     slips over an edge shows a sliver of the next part, in the same segment as all parts of its own object.
 
     Returns:
-        int32 [parts], ascending; float64 [p, 4]: part, part, same, different.
+        int32 [parts], ascending; int32 [p, 2], two parts, ascending; float64 [p, 2], same and different.
     """
-    order = np.argsort((unit.astype(np.int64) << 32) | segment)
-    # Rows: part, segment, share of the part's nodes; and of each part, where its rows start, its nodes and its class.
-    row_segment, row_share = np.zeros(len(order), np.int32), np.zeros(len(order))
-    start, part = np.zeros(len(order) + 1, np.int32), np.zeros(len(order), np.int32)
-    nodes, of_label = np.zeros(len(order)), np.zeros(len(order), np.int16)
-    rows, parts = 0, 0
-    for k in range(len(order)):
-        i = order[k]
-        new = k == 0 or unit[i] != unit[order[k - 1]]
-        if new:
-            part[parts], start[parts], of_label[parts] = unit[i], rows, label[i]
-            parts += 1
-        if new or segment[i] != segment[order[k - 1]]:
-            row_segment[rows] = segment[i]
-            rows += 1
-        row_share[rows - 1] += 1.0
-        nodes[parts - 1] += 1.0
-    start[parts] = rows
-    found = np.zeros((parts * (parts - 1) // 2, 4))
+    part, of_label, nodes, head, row_segment, row_nodes, following = _rows(unit, segment, label, place)
+    parts = len(part)
+    # The lower parts of each class are a list, too; so each part meets those that follow it only.
+    order = np.argsort(part)
+    later, count = np.full(parts, -1, np.int32), 0
+    first, lower = np.full(label.max() + 1 if parts else 0, -1, np.int32), np.zeros(label.max() + 1 if parts else 0)
+    for a in order[::-1]:
+        later[a] = first[of_label[a]]
+        count += lower[of_label[a]]
+        if part[a] >= tops:
+            first[of_label[a]] = a
+            lower[of_label[a]] += 1
+    ends, evidence = np.zeros((int(count), 2), np.int32), np.zeros((int(count), 2))
     n = 0
-    for a in range(parts):
-        for b in range(max(a + 1, 0), parts):
-            if of_label[a] != of_label[b] or part[b] < tops:
-                continue
+    for a in order:
+        b = later[a]
+        while b >= 0:
             agree = 0.0
-            i, j = start[a], start[b]
-            while i < start[a + 1] and j < start[b + 1]:
+            i, j = head[a], head[b]
+            while i >= 0 and j >= 0:
                 if row_segment[i] == row_segment[j]:
-                    agree += row_share[i] / nodes[a] * (row_share[j] / nodes[b])
-                    i += 1
-                    j += 1
+                    agree += row_nodes[i] / nodes[a] * (row_nodes[j] / nodes[b])
+                    i, j = following[i], following[j]
                 elif row_segment[i] < row_segment[j]:
-                    i += 1
+                    i = following[i]
                 else:
-                    j += 1
+                    j = following[j]
             weight = min(nodes[a], nodes[b])
             if part[a] >= tops:
                 weight *= min(nodes[a] / nodes_of[part[a]], nodes[b] / nodes_of[part[b]])
-            found[n, 0], found[n, 1], found[n, 2], found[n, 3] = part[a], part[b], agree * weight, (1 - agree) * weight
+            ends[n, 0], ends[n, 1] = part[a], part[b]
+            evidence[n, 0], evidence[n, 1] = agree * weight, (1 - agree) * weight
             n += 1
-    return part[:parts], found[:n]
+            b = later[b]
+    return part[order], ends, evidence
 
 
 @njit(cache=True, nogil=True)
 def _summed(
-    rows: NDArray,  # float64 [n, 4]: part, part, same, different
+    ends: NDArray,  # int32 [n, 2], two parts
+    evidence: NDArray,  # float64 [n, 2], same and different
     parts: int,
-) -> NDArray:
-    """Add up the rows of the same two parts; the sums ascend by parts, float64 [p, 4]."""
+) -> tuple[NDArray, NDArray]:
+    """Add up the evidence on the same two parts; the sums ascend by parts."""
     # Count, by the second part and then by the first, where the rows of each begin: they need not be compared.
-    order = np.arange(len(rows))
+    order = np.zeros(len(ends), np.int32)
     for column in (1, 0):
         start = np.zeros(parts + 1, np.int64)
-        for i in range(len(rows)):
-            start[np.int64(rows[i, column]) + 1] += 1
-        start, before = np.cumsum(start), order
-        order = np.empty(len(rows), np.int64)
-        for i in before:
-            part = np.int64(rows[i, column])
+        for i in range(len(ends)):
+            start[ends[i, column] + 1] += 1
+        start, before, order = np.cumsum(start), order, np.zeros(len(ends), np.int32)
+        for k in range(len(ends)):
+            i = k if column == 1 else before[k]
+            part = ends[i, column]
             order[start[part]] = i
             start[part] += 1
-    found = np.empty((len(rows), 4))
-    n = 0
+    of, sums = np.zeros((len(ends), 2), np.int32), np.zeros((len(ends), 2))
+    n = -1
     for i in order:
-        if n > 0 and found[n - 1, 0] == rows[i, 0] and found[n - 1, 1] == rows[i, 1]:
-            found[n - 1, 2] += rows[i, 2]
-            found[n - 1, 3] += rows[i, 3]
-        else:
-            found[n] = rows[i]
+        if n < 0 or of[n, 0] != ends[i, 0] or of[n, 1] != ends[i, 1]:
             n += 1
-    return found[:n].copy()
+            of[n, 0], of[n, 1], sums[n, 0], sums[n, 1] = ends[i, 0], ends[i, 1], evidence[i, 0], evidence[i, 1]
+        else:
+            sums[n, 0] += evidence[i, 0]
+            sums[n, 1] += evidence[i, 1]
+    return of[: n + 1].copy(), sums[: n + 1].copy()
+
+
+def _all_summed(found: list[_Evidence], parts: int) -> _Evidence:
+    """Add up what was found one after the other."""
+    return _summed(np.concatenate([ends for ends, _ in found]), np.concatenate([sums for _, sums in found]), parts)
 
 
 def _join(
-    units: int, tops: int, pooled: NDArray, touching: NDArray, nodes_of: NDArray, settings: SpaceSettings
+    units: int, tops: int, pooled: _Evidence, near: NDArray, nodes_of: NDArray, settings: SpaceSettings
 ) -> NDArray:
     """Join parts of objects, best affinity first; two objects of the map stay two, each with what most ties to it.
+
+    Args:
+        units: number of parts.
+        tops: the first so many are objects of the map.
+        pooled: the evidence on every two; ascending.
+        near: bool, aligned with it: they touch.
+        nodes_of: int64 [units].
+        settings: how.
 
     Returns:
         int64 [units]: a part that each was joined with; objects of the map keep their number.
     """
-    touching = _summed(np.pad(np.sort(touching, axis=1).astype(np.float64), ((0, 0), (0, 2))), units)
-    rows = _summed(np.concatenate([pooled, touching]), units)
-    near = _among(rows, touching)
-    parent = _joined(units, tops, rows, near, settings, min(settings.pooling.touching_same, _TOUCHING_BELOW))
-    group = _with_most_evidence(parent, tops, rows, settings.affinity)
+    parent = _joined(units, tops, pooled, near, settings, min(settings.pooling.touching_same, _TOUCHING_BELOW))
+    group = _with_most_evidence(parent, tops, pooled, settings.affinity)
     # What is too small to be believed an object by itself belongs to what it touches, as on the map. Numbers that come
     # first stay apart.
     numbers = np.unique(group)
     alone = (numbers < tops) | (np.bincount(group, nodes_of, units)[numbers] >= _REMNANT)
     numbers = numbers[np.argsort(~alone, kind="stable")]
-    new = np.zeros(units, np.int64)
+    new = np.zeros(units, np.int32)
     new[numbers] = np.arange(len(numbers))
-    rows[:, :2] = np.sort(new[group[rows[:, :2].astype(np.int64)]], axis=1)
-    touching = rows[near]
-    rows = _summed(rows, len(numbers))
-    near = _among(rows, touching)
-    parent = _joined(len(numbers), int(alone.sum()), rows, near, settings, settings.pooling.touching_same)
+    ends = np.sort(new[group][pooled[0]], axis=1)
+    pooled = _summed(ends, pooled[1], len(numbers))
+    parent = _joined(
+        len(numbers), int(alone.sum()), pooled, _among(pooled[0], ends[near]), settings, settings.pooling.touching_same
+    )
     return numbers[parent[new[group]]]
 
 
 def _joined(
-    units: int, kept: int, rows: NDArray, near: NDArray, settings: SpaceSettings, touching_same: float
+    units: int, kept: int, pooled: _Evidence, near: NDArray, settings: SpaceSettings, touching_same: float
 ) -> NDArray:
     """Join parts, best affinity first, of which the first so many stay apart; return the smallest of each group."""
-    low, high = rows[:, 0].astype(np.int32), rows[:, 1].astype(np.int32)
-    two = low != high
+    two = pooled[0][:, 0] != pooled[0][:, 1]
+    (low, high), (same, different) = (np.ascontiguousarray(of[two].T) for of in pooled)
     source, target, _ = join_parts(
-        units, low[two], high[two], rows[two, 2], rows[two, 3], near[two],
+        units, low, high, same, different, near[two],
         replace(settings.pooling, touching_same=touching_same), kept=kept, above=settings.affinity,
     )  # fmt: skip
     parent = np.arange(units)
@@ -875,17 +942,17 @@ def _joined(
     return parent
 
 
-def _with_most_evidence(parent: NDArray, tops: int, rows: NDArray, least: float) -> NDArray:
+def _with_most_evidence(parent: NDArray, tops: int, pooled: _Evidence, least: float) -> NDArray:
     """Leave each group that is tied to an object of the map to the one that most evidence ties it to.
 
     A few cells that broke off an object of the map are seen with what lies below in fewer frames than the rest of it,
     and so with fewer errors: they may come first, and the rest cannot follow, as objects of the map stay apart.
     """
-    a, b = rows[:, 0].astype(np.int64), rows[:, 1].astype(np.int64)
+    (a, b), evidence = pooled[0].T.astype(np.int64), pooled[1]
     tied = (a < tops) & (b >= tops)
     tied[tied] = parent[b[tied]] < tops
     pairs, at = np.unique((parent[b[tied]] << 32) | a[tied], return_inverse=True)
-    same, different = (np.bincount(at, rows[tied, k], len(pairs)) for k in (2, 3))
+    same, different = (np.bincount(at, evidence[tied, k], len(pairs)) for k in (0, 1))
     order = np.argsort(same - different, kind="stable")  # the most evidence is written last
     order = order[same[order] > least * (same + different)[order]]
     owner = np.arange(len(parent))
@@ -893,9 +960,9 @@ def _with_most_evidence(parent: NDArray, tops: int, rows: NDArray, least: float)
     return np.where(np.arange(len(parent)) < tops, parent, owner[parent])
 
 
-def _among(rows: NDArray, others: NDArray) -> NDArray:
-    """Return which rows, which ascend, are of the same two parts as one of the others; each of these is there."""
-    keys, others = ((of[:, 0].astype(np.int64) << 32) | of[:, 1].astype(np.int64) for of in (rows, others))
+def _among(ends: NDArray, others: NDArray) -> NDArray:
+    """Return which pairs of parts, which ascend, are the same as one of the others; each of these is there."""
+    keys, others = (of[:, 0].astype(np.int64) << 32 | of[:, 1] for of in (ends, others))
     found = np.zeros(len(keys), np.bool_)
     found[np.searchsorted(keys, others)] = True
     return found
@@ -925,9 +992,10 @@ def _hidden(
     # Voxels of each group, and those it needs beside what else there is of its class.
     owner = top.copy()
     owner[lower] = np.where(groups.instance > 0, groups.instance, first_id + groups.group)
-    owners, first, owner = np.unique(owner, return_index=True, return_inverse=True)
     voxels = np.bincount(owner, np.bitwise_count(nodes.steps)).astype(np.int64)
-    small = set(owners[voxels < least_sizes(voxels, nodes.label[first])].tolist())
+    owners, class_of = np.flatnonzero(voxels), np.zeros(len(voxels), np.int16)
+    class_of[owner] = nodes.label
+    small = set(owners[voxels[owners] < least_sizes(voxels[owners], class_of[owners])].tolist())
     found = []
     for members in np.split(order, np.cumsum(np.bincount(at))[:-1]) if len(numbers) else ():
         cells = np.unique(cell[members])

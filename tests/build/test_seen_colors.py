@@ -1,19 +1,21 @@
 """Colours as seen: exactly those of the pictures, whatever becomes of the communities later."""
 
 import zipfile
-from collections import Counter
+from collections import Counter, deque
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
 from sequences import COLORS, write_tiny_sequence
 
 from simaps_viz import BuildConfig, PosedFrames, build_map, load_map, open_sequence, recommunity, save_map
-from simaps_viz.build.seen_colors import choose_frames, with_colors
+from simaps_viz.build.seen_colors import SurfaceColors, choose_frames, with_colors
 from simaps_viz.build.to_file import BuildRequest, build_to_file
 from simaps_viz.console.progress import stage_progress
 from simaps_viz.errors import InputError
 from simaps_viz.mapping import edits
+from simaps_viz.mapping.surface import Surface, coded_colors
 from simaps_viz.structures import Views
 
 
@@ -97,6 +99,47 @@ def test_every_voxel_of_the_surface_has_the_colour_of_its_pixels(colored, sequen
     # Where one frame shows it all, voxels that it does not show have the colour of their class near by.
     once = with_colors(colored, Faulty(sequence, missing=range(1, 6))).points()
     assert np.abs(once.colors.astype(int) - wanted).max() <= 24
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_colours_spread_voxel_by_voxel(plain, seed):
+    """The twin keeps a voxel's class and colour by its row, column and step, and colours spread breadth first."""
+    rng, spec = np.random.default_rng(seed), plain.spec
+    class_of, runs = {}, []
+    for cell in sorted(rng.choice(spec.rows * spec.cols, 60, replace=False)):
+        row, col = divmod(int(cell) % 9 + (int(cell) // 9 % 9) * spec.cols, spec.cols)
+        steps = [] if any(run[:2] == (row, col) for run in runs) else np.flatnonzero(rng.random(12) < 0.6).tolist()
+        classes = rng.integers(0, 3, 12).tolist()
+        for step in steps:
+            if runs and runs[-1][:2] == (row, col) and runs[-1][3] == step - 1 and runs[-1][4] == classes[step]:
+                runs[-1] = (*runs[-1][:3], step, classes[step])
+            else:
+                runs.append((row, col, step, step, classes[step]))
+    runs.sort()
+    for row, col, low, high, label in runs:
+        class_of |= {(row, col, step): label for step in range(low, high + 1)}
+    total = rng.integers(0, 256, (len(class_of), 4)) * (rng.random((len(class_of), 1)) < 0.2)
+    total[:, 3] = total.any(axis=1)
+    color = {voxel: one[:3] for voxel, one in zip(class_of, total, strict=True) if one[3]}
+    mean = {
+        k: np.mean([one for voxel, one in color.items() if class_of[voxel] == k] or [[128] * 3], 0) for k in range(3)
+    }
+    waiting = deque(color)
+    while waiting:
+        row, col, step = voxel = waiting.popleft()
+        for near in product((row - 1, row, row + 1), (col - 1, col, col + 1), (step - 1, step, step + 1)):
+            if near not in color and class_of.get(near, -1) == class_of[voxel]:
+                color[near] = color[voxel]
+                waiting.append(near)
+    row, col, low, high, label = np.array(runs).T
+    surface = Surface(
+        spec, (row * spec.cols + col).astype(np.int32), low.astype(np.int8), high.astype(np.int8),
+        (-1 - label).astype(np.int32),
+    )  # fmt: skip
+    colors = SurfaceColors(replace(plain, surface=surface))
+    colors.total[:] = total
+    expected = [color.get(voxel, mean[label].astype(int)) for voxel, label in class_of.items()]
+    assert np.array_equal(colors.surface().color, coded_colors(np.array(expected, np.uint8)))
 
 
 def test_a_map_on_another_grid_has_no_colours(colored):

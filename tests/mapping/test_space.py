@@ -21,7 +21,7 @@ from simaps_viz.mapping.edits import apply, delete, relabel
 from simaps_viz.mapping.file import load_map, save_map
 from simaps_viz.mapping.finalize import SequenceFacts, map_so_far
 from simaps_viz.mapping.simap import recommunity, repartition
-from simaps_viz.mapping.space import _pairs
+from simaps_viz.mapping.space import _pairs, _summed
 from simaps_viz.mapping.steps import pack_step, unpack_step
 from simaps_viz.mapping.surface import coded_colors, decoded_colors
 
@@ -272,7 +272,8 @@ def test_what_a_frame_says_of_two_parts_is_the_twins(seen, tops):
     """Parts 0, 1, 2 ... are of two classes by turns, and have 40 nodes each; the first ``tops`` are of the map."""
     part, segment = (np.array(column, np.int32) for column in zip(*seen, strict=True))
     nodes_of = np.full(7, 40)
-    parts, found = _pairs(part, segment, (part % 2).astype(np.int16), nodes_of, tops)
+    place = np.full(7, -1, np.int32)
+    parts, ends, evidence = _pairs(part, segment, (part % 2).astype(np.int16), nodes_of, tops, place)
     expected = []
     for a, b in combinations(sorted(set(part.tolist())), 2):
         if a % 2 != b % 2 or b < tops:
@@ -282,7 +283,20 @@ def test_what_a_frame_says_of_two_parts_is_the_twins(seen, tops):
         weight = min(len(mine), len(other)) * (min(len(mine), len(other)) / 40 if a >= tops else 1.0)
         expected.append([a, b, agree * weight, (1 - agree) * weight])
     assert parts.tolist() == sorted(set(part.tolist()))
-    assert found == pytest.approx(np.array(expected).reshape(-1, 4))
+    assert np.hstack([ends, evidence]) == pytest.approx(np.array(expected).reshape(-1, 4))
+    assert (place == -1).all()
+
+
+@given(st.lists(st.tuples(st.integers(0, 4), st.integers(0, 4), st.floats(0, 1), st.floats(0, 1)), max_size=40))
+def test_evidence_is_summed_up_in_the_order_of_frames(rows):
+    expected: dict[tuple[int, int], list[float]] = {}
+    for a, b, same, different in rows:
+        sums = expected.setdefault((a, b), [0.0, 0.0])
+        sums[0], sums[1] = sums[0] + same, sums[1] + different
+    ends = np.array([row[:2] for row in rows], np.int32).reshape(-1, 2)
+    found, sums = _summed(ends, np.array([row[2:] for row in rows]).reshape(-1, 2), 5)
+    assert list(map(tuple, found.tolist())) == sorted(expected)
+    assert sums.tolist() == [expected[one] for one in sorted(expected)]
 
 
 def test_a_map_keeps_its_surface_in_its_file(tmp_path):
