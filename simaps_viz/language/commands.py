@@ -11,7 +11,7 @@ from typing import Final
 
 from simaps_viz.errors import CommandError
 from simaps_viz.language.grammar import Chart
-from simaps_viz.language.nouns import ALL, IT, LAST, ONE, SAME, THAT, Phrase, quoted, select
+from simaps_viz.language.nouns import ALL, IT, LAST, ONE, SAME, SUCH, THAT, Phrase, quoted, select
 from simaps_viz.language.orders import EVERYTHING, GRAMMAR, Choose, Do, Repeat, Steps
 from simaps_viz.language.primitives import FUNCTIONS, SELF
 from simaps_viz.language.program import ProgramError, parse_program
@@ -584,6 +584,7 @@ def _in_brief(said: str) -> str:
 # ---- steps to program text
 
 _INDENT: Final = "    "
+_ROOM_OF: Final = re.compile(r'inside\(.*, (room\("[^"]+"\))\)')
 _IT: Final = Phrase(IT, ONE, "thing")
 
 
@@ -732,13 +733,12 @@ class Writer:
         self.others.update(dict.fromkeys(phrase.others))
         last = self._last
         if phrase.text == IT:
-            if several and self._last and self._last.phrase.many and not (self._last.line or self._last.name):
-                return self._new(self._last.phrase)  # "there are two beds: go to each of them"
-            return self._named("it")
+            return self._it(phrase, several=several)
         that = THAT.fullmatch(phrase.text)
         if that:
             return self._called(that[1], that[2], lone=phrase.lone)
         text, base, word = phrase.text, phrase.base, phrase.word
+        text = self._with_such(text)
         for that in THAT.finditer(text):
             text = text.replace(that[0], self._name_of(self._called(that[1], that[2], lone=False)))
         if IT in text:
@@ -763,6 +763,22 @@ class Writer:
         if ONE in text or LAST in text:
             raise CommandError('"one" was not understood: which things are meant was not said before it')
         return self._new(replace(phrase, text=text, base=base, word=word))
+
+    def _it(self, phrase: Phrase, *, several: bool) -> _Mention:
+        last = self._last
+        if phrase.word == "it" and last and last.phrase.together and len(last.phrase.inner) == 1:
+            return self._new(last.phrase.inner[0])  # "if there are two chairs at the table, go to it"
+        if several and last and last.phrase.many and not (last.line or last.name):
+            return self._new(last.phrase)  # "there are two beds: go to each of them"
+        return self._named("it")
+
+    def _with_such(self, text: str) -> str:
+        """Return text with what the sentence before named, or the room it was said to be in."""
+        if SUCH in text:
+            text = text.replace(SUCH, self._named("one", name=False).phrase.base)
+        said_in = _ROOM_OF.search(self._last.phrase.text) if self._last else None
+        # "if nobody is in the kitchen, go into that room"
+        return said_in[1] if said_in and text == f"room({IT})" else text
 
     def _new(self, phrase: Phrase) -> _Mention:
         """Return a new mention, which is what "it" means from now on."""

@@ -19,8 +19,9 @@ ONE: Final = "‹one›"
 SAME: Final = "‹same›"
 THAT: Final = re.compile(r"‹that ([^‹›|]*)\|([^‹›|]*)›")
 LAST: Final = "‹last›"
+SUCH: Final = "‹such›"
 """Stand in an expression for what was named before: that thing, all things of its name, all that were meant, the last
-of this name, or (of the same name) it."""
+of this name, or (of the same name) it, or all things of the name that the sentence before named."""
 CORNERS: Final = {45.0: "north east", 135.0: "south east", 225.0: "south west", 315.0: "north west"}
 AHEAD: Final = 'side({}, "front")'
 NEAR_M: Final = 3.0
@@ -135,8 +136,9 @@ class Part:
     """A word or phrase that says which things are meant.
 
     ``kind`` is "filter" (``text`` is an expression with ``{}`` for the set, ``of`` what they are beside), "near"
-    (``text`` is what they are near), "order" (``text`` is the key, ``of`` what it is measured from), "from" (what an
-    order is measured from), "then" (the order in which several are gone through), "rank", "count", "other" or "vague"
+    (``text`` is what they are near), "but" (of several things ``text`` is a filter, of one ``definite`` is), "order"
+    (``text`` is the key, ``of`` what it is measured from), "from" (what an order is measured from), "then" (the order
+    in which several are gone through), "rank", "count", "other" or "vague"
     (``text`` is a word that is not known: only one thing may be left that it could tell from others), and "counted" or
     "row" where there has to be a rank or number, or a side.
     """
@@ -176,8 +178,10 @@ def select(noun: Noun | None, parts: Iterable[Part], *, every: bool = False, som
         CommandError: the parts contradict each other.
     """
     parts = _clear(_of_one_thing(tuple(parts), noun), noun)
-    rank, count = _number(parts, "rank"), _number(parts, "count")
     is_plural = every or (noun is not None and noun.is_plural)
+    rank, count = _number(parts, "rank"), _number(parts, "count")
+    walls = is_plural and not some and rank is None and count is None
+    parts = tuple(_told_of(part, several=is_plural or some, walls=walls) for part in parts)
     if rank is not None and (rank == 0 or abs(rank) > MAX_RANK):
         raise CommandError(f"ranks count from 1 to {MAX_RANK}, found {rank}")
     if count is not None and not 1 <= count <= MAX_COUNT:
@@ -238,6 +242,18 @@ def select(noun: Noun | None, parts: Iterable[Part], *, every: bool = False, som
         lone=lone,
         inner=tuple(inner),
     )
+
+
+def _told_of(part: Part, *, several: bool, walls: bool) -> Part:
+    """Return what "the lamp, but the red one" (which it is) and "the lamps but the red one" (which not) say.
+
+    With ``walls`` "the lamps along the south wall" are all of that side.
+    """
+    if walls and part.kind == "order" and part.number == 2:
+        return replace(part, kind="filter", text=f'side({{}}, "{part.text}", "map")', number=0)
+    if part.kind != "but":
+        return part
+    return replace(part, kind="filter", text=part.text if several else part.definite, definite="")
 
 
 def _without_best(text: str, exceptions: Parts) -> str:
@@ -730,8 +746,10 @@ def _side_of(side: str, np: Phrase) -> Parts:
     )
 
 
-@_rule("relation", "_at? _dets FAREND OF np", cost=0.1)
-def _at_far_end(np: Phrase) -> Parts:
+@_rule("relation", "_at? _dets end:FAREND OF np", cost=0.1)
+def _at_far_end(np: Phrase, end: str) -> Parts:
+    if end == "end" and not np.is_room:
+        raise CommandError("")
     return (*_filter(f"near({{}}, {np.measure})", np), Part("order", "far"))
 
 
@@ -744,6 +762,15 @@ def _in_row(whole: int = 0) -> Parts:
 @_rule("relation", "BETWEEN DET* ROW (OF whole)?", cost=-0.2)
 def _amid_row(whole: int = 0) -> Parts:
     return (Part("order", "middle"),)
+
+
+@_rule("relation", "BETWEEN np", cost=-0.1)
+def _amid_them(np: Phrase) -> Parts:
+    """Read "the table in the middle of the nine square ones": of these the middle one."""
+    count = re.search(r", (\d+)\)$", np.text)
+    if not np.many or not count or int(count[1]) < 3:
+        raise CommandError("")
+    return (*_filter(f"common({{}}, {np.text})", np), Part("order", "middle"))
 
 
 @_rule("relation", "ON SAME noun AS np", cost=-0.3)
@@ -780,6 +807,8 @@ def _behind(np: Phrase) -> Parts:
 
 @_rule("relation", "near:NEAR np", "_near np")
 def _close(np: Phrase, near: str = "") -> Parts:
+    if near.startswith(("closer", "nearer")):  # of several the nearest
+        raise CommandError("")
     beside = re.search(r"next to|beside|against|alongside", near) is not None
     return (Part("near", np.argument, number=int(beside), phrase=np, definite=np.definite),)
 
@@ -803,12 +832,24 @@ def _at_end_of(side: str, np: Phrase) -> Parts:
     return (*_filter(f"near({{}}, {np.measure})", np), Part("order", side))
 
 
-@_rule("relation", "AT _dets FOOT OF np", cost=-0.2)
-def _at_foot_of(np: Phrase) -> Parts:
-    """Read "the bench at the foot of the bed": which end of anything else is its head is not known."""
-    if np.word not in ("bed", "couch"):
+@_rule("end_of", "(AT | ON | BY)? _dets (FOOT | end:END | end:FAREND | key:SIZE (SIDE | END)) OF")
+def _end_of(end: str = "", key: str = "") -> str:
+    """Read "at the head of", "on a long side of"."""
+    if key not in ("", "long", "short") or end not in ("", "end", "ends", "head"):
         raise CommandError("")
-    return _close(np)
+    return "flank" if key == "long" else "end"
+
+
+@_rule("relation", "end_of np", "NEAR _dets key:SIZE SIDE OF np", cost=-0.2)
+def _at_end_or_flank(np: Phrase, end_of: str = "end", key: str = "") -> Parts:
+    """Read "the chair at the head of the table", "the bench at the foot of the bed": next to one of its short sides."""
+    if np.is_room or key not in ("", "long", "short"):
+        raise CommandError("")
+    if np.word in ("bed", "couch"):
+        return _close(np)
+    side = "flank" if key == "long" else end_of
+    text = f'side({{}}, "{side}", {np.argument})'
+    return _filter(text, np, of=np.argument, definite=text.replace(np.argument, np.definite))
 
 
 @_rule("relation", "THAT DISTANCE (TO | FROM) np IS key:SUPER", cost=-0.2)
@@ -957,6 +998,13 @@ def _the_larger(adjective: Parts = (), key: str = "") -> Parts:
     return adjective or (Part("order", key),)
 
 
+@_rule("post", "COMMA (AT | ON) DET side (SIDE | END)", cost=0.1)
+def _on_which_side_of_it(side: str) -> Parts:
+    """Read "the chair at the head of the table, on the north side": of those the northernmost."""
+    return (Part("order", side),)
+
+
+@_rule("post", "COMMA &(IN _room_too) relation", cost=0.1)
 @_rule("post", "COMMA &(BEHIND | FRONT | NEAR | BY | UNDER | BETWEEN) relation", cost=-0.25)
 def _added(relation: Parts) -> Parts:
     """Read "the window on the wall, behind the bench"."""
@@ -1020,6 +1068,12 @@ def _on_near_side() -> Parts:
 def _said_of_it(said: str) -> Parts:
     """Read "the tub where one takes a bath": whatever that means, it is no choice where one is left."""
     return (Part("vague", said),)
+
+
+@_rule("post", "COMMA DET room ONE !(ORD | LASTLY)", cost=-0.1)
+def _the_room_one(room: Phrase) -> Parts:
+    """Read "the bin, the bedroom one"."""
+    return _inside(room)
 
 
 @_rule("post", "COMMA? (IT IS)? DET ONE post", cost=0.3)
@@ -1124,7 +1178,12 @@ def _having_its(noun: Noun, pre: Sequence[Parts] = ()) -> Parts:
 def _having(np: Phrase) -> Parts:
     if np.text == IT:
         raise CommandError("what the thing has was not said")
-    return _filter(f"having({{}}, {np.argument})", np)
+    return _filter(f"having({{}}, {_such(np).argument})", np)
+
+
+def _such(np: Phrase) -> Phrase:
+    """Return "one", said of what a thing has, as one of what the sentence before named: no table has a table on it."""
+    return replace(np, text=SUCH) if np.text == ONE else np
 
 
 @_rule("relation", "(WITH | WHERE IS+) n:whole a:np _on_it? AND b:np _on_it?", cost=-1.0)
@@ -1138,7 +1197,7 @@ def _having_on(np: Phrase) -> Parts:
     """Read "the desk with a plant on it": not with one beside it."""
     if np.text == IT or np.many:
         raise CommandError("")
-    return _filter(f"under({{}}, {np.argument})", np)
+    return _filter(f"under({{}}, {_such(np).argument})", np)
 
 
 @_rule("relation", "WITH np UNDER IT?", cost=-0.1)
@@ -1244,15 +1303,33 @@ def _neither(a: Parts, b: Parts) -> Parts:
 
 
 @_rule("post", "STOP EXCEPT TO? &(DET _described? ONE) targets", cost=0.2)
-@_rule("post", "COMMA? EXCEPT TO? targets", cost=-0.05)
-def _except(targets: tuple[Phrase, ...]) -> Parts:
+@_rule(
+    "post",
+    "COMMA? said:EXCEPT TO? targets (COMMA? (AND | OR) &(ON | IN | AT | UNDER | NEAR | BY | BEHIND) relation)* "
+    "!(ORD | LASTLY)",
+    cost=-0.05,
+)
+def _except(targets: tuple[Phrase, ...], said: str = "", relation: Sequence[Parts] = ()) -> Parts:
+    """Read "except the red ones", "not counting those on the shelves and on the desk", "apart from the kitchen"."""
     corrected = LAST in targets[-1].text  # "not the big one, the other one"
-    if corrected or any(phrase.is_room or phrase.text == ONE for phrase in targets):
+    rooms = any(phrase.is_room for phrase in targets)
+    if corrected or any(phrase.text == ONE for phrase in targets) or (rooms and said in ("", "but", *_NEGATIONS)):
         raise CommandError("")
     text = "{}"
     for phrase in targets:  # "not one at the counter": none of them
-        text = f"minus({text}, {(phrase.any and phrase.whole) or phrase.argument})"
-    return _filter(text, *targets, outer=True)
+        left_out = (
+            f"inside({{}}, {phrase.text})" if phrase.is_room else (phrase.any and phrase.whole) or phrase.argument
+        )
+        text = f"minus({text}, {left_out})"
+    for part in _flat(relation):
+        text = f"minus({text}, {_negated(part).text.removeprefix('minus({}, ').removesuffix(')')})"
+    (part,) = _filter(text, *targets, outer=True)
+    if said == "but" and len(targets) == 1 and targets[0].base == ONE and not targets[0].many:
+        part = replace(part, kind="but", definite=f"common({{}}, {targets[0].text})")
+    return (part,)
+
+
+_NEGATIONS: Final = ("not", "but not", "and not", "only not")
 
 
 @_rule("post", "COMMA? WITHOUT &(DET ONE) np", cost=-0.1)
@@ -1261,10 +1338,13 @@ def _without_one(np: Phrase) -> Parts:
     return _except((np,))
 
 
-@_rule("post", "COMMA? EXCEPT DET* room ONE", cost=-0.1)
-def _except_of_room(room: Phrase) -> Parts:
-    """Read "but not the bedroom one"."""
-    return _filter(f"minus({{}}, inside({{}}, {room.text}))", room, outer=True)
+@_rule("post", "COMMA? said:EXCEPT DET* room ONE !ORD", cost=-0.1)
+def _except_of_room(room: Phrase, said: str = "but") -> Parts:
+    """Read "but not the bedroom one"; of one thing "but the bedroom one" says which."""
+    (there,) = _inside(room)
+    if said != "but":
+        return (replace(there, text=f"minus({{}}, {there.text})", outer=True),)
+    return (replace(there, kind="but", text=f"minus({{}}, {there.text})", definite=there.text, outer=True),)
 
 
 @_rule("numbered", "n:ONE", cost=0.5)  # "somewhere to sit: one of the chairs"
@@ -1385,8 +1465,10 @@ def _compound(of: Noun, noun: Noun, pre: Sequence[Parts] = (), post: Sequence[Pa
         return select(noun, (*_flat(pre), *_flat(post)))
     note = f'"{of.spoken} {noun.spoken}" is read as the {noun.spoken} nearest the {of.spoken}'
     place = select(of, ())
-    parts = (*_flat(pre), Part("order", "near", place.measure, phrase=place, note=note), *_flat(post))
-    return select(noun, parts)
+    post = _flat(post)
+    ordered = any(part.kind == "order" for part in post)  # "the book table closer to the counter"
+    beside = Part("near" if ordered else "order", place.argument if ordered else "near", phrase=place, note=note)
+    return select(noun, (*_flat(pre), beside if ordered else replace(beside, of=place.measure), *post))
 
 
 @_rule("thing", "_dets pre* noun (_is? ONLY | WITH ROOM)? FOR (n:whole | np) post*", cost=-0.2)
@@ -1430,9 +1512,9 @@ def _of_room(noun: Noun, room: Phrase, pre: Sequence[Parts] = ()) -> Phrase:
     return select(noun, (*_flat(pre), *_inside(room)))
 
 
-@_rule("thing", "EVERY? IT", cost=0.02)
-def _it() -> Phrase:
-    return Phrase(IT, ONE, "thing")
+@_rule("thing", "EVERY? it:IT", cost=0.02)
+def _it(it: str) -> Phrase:
+    return Phrase(IT, ONE, "it" if it in ("it", "there") else "thing")
 
 
 @_rule("thing", "WHATEVER np IS+ (ON | IN | AT)", cost=-0.2)
@@ -1497,7 +1579,7 @@ def _either_one(thing: Phrase) -> Phrase:
 @_rule("pair", "a:thing AND b:thing")
 def _pair(a: Phrase, b: Phrase) -> tuple[Phrase, Phrase]:
     a, b = lent((a, b))
-    return a, b
+    return replace(a, many=False), replace(b, many=False)
 
 
 @_rule("pair", "IT", cost=-0.1)
@@ -1506,7 +1588,7 @@ def _them() -> tuple[Phrase, Phrase]:
     return both, both
 
 
-@_rule("pair", "n:thing")
+@_rule("pair", "n:thing !(AND DET)")
 def _two(n: Phrase) -> tuple[Phrase, Phrase]:
     if not n.many:
         raise CommandError(f"between takes two things, and only the {n.word} was named")
@@ -1575,6 +1657,14 @@ def _numbered_room(n: int) -> Phrase:
     return Phrase(f'room("room {n}")', "rooms()", "room")
 
 
+@_rule("room", "that:THAT ROOM", cost=-0.1)
+def _that_room(that: str) -> Phrase:
+    """Read "that room": what was named last, or where that is."""
+    if that != "that":
+        raise CommandError("")
+    return Phrase(f"room({IT})", "rooms()", "room")
+
+
 @_rule("room", "_dets ROOM", "_dets SAME ROOM")
 def _this_room() -> Phrase:
     return Phrase("room()", "rooms()", "room", whole="rooms()")
@@ -1619,11 +1709,23 @@ def _some_such_room(name: str) -> Phrase:
     return Phrase(f"rooms({quoted(name)})", f"rooms({quoted(name)})", name)
 
 
+@_rule("room", "_dets OTHER whole ROOMS", cost=-0.3)
+def _other_rooms(whole: int) -> Phrase:
+    """Read "in the other two rooms": that many others are there."""
+    return Phrase(f'nearest(rooms("other"), {whole})', "rooms()", "room", True)
+
+
 @_rule("room", "(EVERY | BOTH) (OF | DET)* name:ROOMKIND", cost=0.1)
 def _every_such_room(name: str) -> Phrase:
     return Phrase(f"rooms({quoted(name)})", f"rooms({quoted(name)})", name, True)
 
 
 @_rule("room", "(EVERY (OF | DET)* OTHER? (ROOMS? | ROOM) | DET? ROOMS) ((IN | OF) DET* MAP)?")
-def _all_rooms() -> Phrase:
-    return Phrase("rooms()", "rooms()", "room", True)
+@_rule(
+    "room", "(EVERY (OF | DET)* (ROOMS? | ROOM) | DET? ROOMS) COMMA? EXCEPT room (COMMA? (AND | OR) room)*", cost=-0.2
+)
+def _all_rooms(room: Sequence[Phrase] | Phrase = ()) -> Phrase:
+    text = "rooms()"
+    for one in (room,) if isinstance(room, Phrase) else room:
+        text = f"minus({text}, {one.text})"
+    return Phrase(text, "rooms()", "room", True)

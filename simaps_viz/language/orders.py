@@ -17,6 +17,7 @@ from simaps_viz.language.nouns import (
     LAST,
     ONE,
     SAME,
+    SUCH,
     Part,
     Parts,
     Phrase,
@@ -229,7 +230,9 @@ def _want_to_use(targets: tuple[Phrase, ...]) -> Steps:
     return _go_to(targets)
 
 
-@_rule("order", "(PASS | _go) via:targets COMMA? ONWAY targets", cost=-0.6)
+@_rule(
+    "order", "(PASS | _go) via:targets COMMA? ONWAY targets", "ONWAY targets COMMA? (PASS | _go) via:targets", cost=-0.6
+)
 def _on_the_way(via: tuple[Phrase, ...], targets: tuple[Phrase, ...]) -> Steps:
     """Read "pass by the coat rack on your way to the suitcase"."""
     return (*_go_to(via), *_go_to(targets))
@@ -276,7 +279,7 @@ def _go_in_turn(targets: tuple[Phrase, ...], key: str, n: int = 1) -> Steps:
 
 @_rule("there", "it:IT | THAT")
 def _there(it: str = "") -> tuple[Phrase, ...]:
-    return (Phrase(IT, "", "thing", any=it == "there"),)
+    return (Phrase(IT, "", "it" if it in ("it", "there") else "thing", any=it == "there"),)
 
 
 @_rule("order", "!(_np FINITE !WHAT) targets", cost=0.7)
@@ -329,6 +332,14 @@ def _go_end_of_room(side: str, room: Phrase | None = None, spot: str = "wall") -
     if spot in ("window", "door"):
         raise CommandError("")
     return (Do((f'robot.move_to(spot({{0.text}}, "{side}"))',), (room or Phrase("room()", "", "room"),)),)
+
+
+@_rule("order", "_go? end_of np", cost=-0.3)
+def _go_end_of(end_of: str, np: Phrase) -> Steps:
+    """Read "go to the long side of the table", "stand at the head of the table"."""
+    if np.is_room:
+        raise CommandError("")
+    return _each(f'robot.move_to(spot({{0.argument}}, "{end_of}"))', (np,))
 
 
 @_rule("order", "_go? _dets FAREND (OF | IN) room", cost=-0.2)
@@ -396,8 +407,8 @@ def _go_behind(targets: tuple[Phrase, ...]) -> Steps:
 
 @_rule(
     "order",
-    "_go? _place? distance (TO | ON)* (beside | FRONT | BEFORE | back:BEHIND | back:PASS | off:away | "
-    "off:SHORT OF) np | _go? np COMMA distance off:SHORT | "
+    "_go? _place? IN? distance (TO | ON)* (beside | FRONT | BEFORE | back:BEHIND | back:PASS | off:away | "
+    "off:SHORT OF) np (COMMA NOCLOSER)? | _go? np COMMA distance off:SHORT | "
     "_go (FORWARD | compass)* UNTIL np IS (_prep | SHORT | DET)* distance off:SHORT | _go (FORWARD | compass)* "
     "UNTIL (EXIST (_prep | SHORT)* distance BETWEEN (np AND HERE | HERE AND np) | HERE IS? distance off:away np)",
     cost=-0.3,
@@ -411,15 +422,31 @@ def _go_off(distance: Measure, np: Phrase, beside: str = "front", back: str = ""
 
 
 @_rule(
-    "order",
+    "short",
     "(STAND | KEEP) distance SHORT",
     "BUT? KEEP distance (OF (BERTH | DISTANCE))?",
-    "STAND EXIST distance BETWEEN (HERE AND IT | IT AND HERE)",
-    cost=-0.1,
+    "(STAND EXIST | (KEEP | GIVE) ATLEAST?) distance (OF (BERTH | DISTANCE))? BETWEEN (HERE AND IT | IT AND HERE)",
+    "(KEEP | GIVE | STAND) ATLEAST? (distance (OF DISTANCE)? | DET? DISTANCE OF distance) (_away IT)?",
+    "(STAND | GO)? NOCLOSER THAN distance ((TO | FROM) IT)?",
+    cost=-0.3,
 )
-def _stop_short(distance: Measure) -> Steps:
-    """Read "go to the fridge. Stop 1 m short."."""
-    return _go_off(distance, Phrase(IT, ONE, "thing"), back="", off="away")
+def _short(distance: Measure) -> Measure:
+    return distance
+
+
+@_rule("order", "short")
+def _stop_short(short: Measure) -> Steps:
+    """Read "... Stop 1 m short."."""
+    return _go_off(short, Phrase(IT, ONE, "thing"), back="", off="away")
+
+
+@_rule("done", "order _mid* short", cost=-0.5)
+def _go_short(order: Steps, short: Measure) -> Steps:
+    """Read "go to the fridge, but no closer than 1 m": no nearer on the way either."""
+    last = order[-1]
+    if not isinstance(last, Do) or last.lines != _go_to((EVERYTHING,))[0].lines or last.phrases[0].many:
+        raise CommandError("")
+    return (*order[:-1], *_go_off(short, last.phrases[0], back="", off="away"))
 
 
 @_rule(
@@ -436,6 +463,7 @@ def _go_until_level(np: Phrase, compass: Sequence[float] = ()) -> Steps:
     return (Do((*turns, 'robot.move_to(spot({0.argument}, "level"))'), (np,)),)
 
 
+_words("_away", "away")
 _rule("away", "AWAY? FROM", "AWAY FROM?", "OF")(lambda: "from")
 
 
@@ -524,7 +552,12 @@ def _go_via(via: tuple[Phrase, ...], targets: tuple[Phrase, ...]) -> Steps:
 
 @_rule("order", "_goer? times? SHUTTLE BETWEEN pair times?", cost=-0.6)
 def _shuttle(pair: tuple[Phrase, Phrase], times: int = 1) -> Steps:
-    return (Repeat(times, (*_go_to(_apart(pair)[:1]), *_go_to(_apart(pair)[1:]))),)
+    a, b = _apart(pair)
+    if a.text == IT:
+        return (Repeat(times, (*_go_to((a,)), *_go_to((b,)))),)
+    turns = ", ".join(str(n + 1) for n in range(times))  # both are looked up before the first is gone to
+    there = ("    robot.move_to_object(one)", "    robot.move_to_object(other)")
+    return (Do(("one = {0.single}", "other = {1.single}", f"for turn in [{turns}]:", *there), (a, b)),)
 
 
 def _apart(pair: tuple[Phrase, Phrase]) -> tuple[Phrase, ...]:
@@ -788,17 +821,18 @@ def _how_many(np: Phrase, post: Sequence[Parts] = ()) -> Steps:
     return _told(refine(np, [part for parts in post for part in parts]), "count")
 
 
+@_rule("question", "&EXCEPT besides:post COMMA? question", cost=0.2)
 @_rule("question", "!(WHERE | WITH | THAT) relation COMMA? question", cost=0.4)
-def _asked_there(relation: Parts, question: Steps) -> Steps:
-    """Read "in the kitchen how many windows are there?", "on the shelf, is the vase left of the bag?"."""
+def _asked_there(question: Steps, relation: Parts = (), besides: Parts = ()) -> Steps:
+    """Read "in the kitchen how many windows are there?", "apart from the kitchen, how many windows are there?"."""
     step = question[0]
     if len(question) > 1 or not isinstance(step, Do) or not step.phrases or not (first := step.phrases[0]).base:
         raise CommandError("")
-    compared = "count(" in step.lines[0] or "minus(" in first.text  # "more cups than bottles", "what else"
+    compared = "count(" in step.lines[0] or (not besides and "minus(" in first.text)  # "more cups than bottles"
     if first.is_room or first.base in (ONE, SAME) or compared:
         raise CommandError("")
     chosen = first.text.startswith(("first(", "nth(", "nearest(", "farthest(", "last("))  # the nearest of those there
-    there = refine(replace(first, text=first.base, whole="") if chosen else first, relation)
+    there = refine(replace(first, text=first.base, whole="") if chosen else first, relation or besides)
     text = first.text.replace(first.base, there.text) if chosen else there.text
     return (replace(step, phrases=(replace(there, text=text), *step.phrases[1:])),)
 
@@ -820,8 +854,9 @@ def _how_many_fit(relation: Parts) -> Steps:
 
 _OF_THAT_NAME: Final = Phrase(SAME, SAME, "thing")
 _NUMBERED: Final = (
-    "EXIST n:whole np HERE? | EXIST n:whole OF (IT | ONES)",
-    "(EXIST (ATLEAST | more:MORETHAN | few:LESSTHAN | only:EXACTLY | most:ATMOST) | only:EXISTONLY) n:whole np? HERE?",
+    "exist:EXIST n:whole np HERE? | exist:EXIST n:whole OF (IT | ONES)",
+    "(exist:EXIST (ATLEAST | more:MORETHAN | few:LESSTHAN | only:EXACTLY | most:ATMOST) | only:EXISTONLY) n:whole np? "
+    "HERE?",
 )
 
 
@@ -849,7 +884,9 @@ def _is_it_so_many(np: Phrase) -> Steps:
 
 
 @_rule("question", *_NUMBERED, cost=-0.3)
-def _are_there(n: int, np: Phrase = _OF_THAT_NAME, **_: str) -> Steps:
+def _are_there(n: int, np: Phrase = _OF_THAT_NAME, exist: str = "is", **_: str) -> Steps:
+    if exist.split(maxsplit=1)[0] not in _ASKS:  # "there are three bags" asks nothing
+        raise CommandError("")
     test, phrases = _at_least(n, np, **_)
     return (Do((f'tell({test}, "whether")',), phrases),)
 
@@ -1289,6 +1326,9 @@ def _what_is(post: Sequence[Parts], what: str) -> Steps:
         return _told(select(Noun("thing", "anything"), parts), "which")
     if any(part.text == AHEAD for part in parts):  # not what is there beyond the next wall
         parts.append(Part("filter", "visible({})"))
+    sided = any(re.fullmatch(r'side\(\{\}, "\w+"\)', part.text) for part in parts)
+    if sided and not any("room(" in part.text for part in parts):  # nor beyond the walls on the other sides
+        parts.append(Part("filter", 'inside({}, "")'))
     return _told(refine(EVERYTHING, parts), "what")
 
 
@@ -1365,8 +1405,15 @@ _words("_route", "HOWTOGET | HOWFARTODRIVE")
 _words("_towards", "TO | TOWARD | NEAR | AT | IN | NEAREST")
 
 
-@_rule("question", "HOWFAR APART? IS pair APART?", "(HOWFAR | (WHAT IS)? DET? DISTANCE) BETWEEN pair", cost=-0.1)
-def _how_far_between(pair: tuple[Phrase, Phrase]) -> Steps:
+@_rule(
+    "question",
+    "HOWFAR apart:APART? IS pair | HOWFAR IS pair apart:APART",
+    "(HOWFAR | (WHAT IS)? DET? DISTANCE) BETWEEN pair",
+    cost=-0.1,
+)
+def _how_far_between(pair: tuple[Phrase, Phrase], apart: str = "") -> Steps:
+    if pair[0].text == IT and not apart:  # "how far is it?"
+        raise CommandError("")
     return _how_far_apart(*_apart(pair))
 
 
@@ -1400,7 +1447,9 @@ def _how_big(key: str, np: Phrase) -> Steps:
 
 @_rule("condition", "(HERE | DOES)* (SEE | SEEQ) np", "np IS? (SEEN | VIEW)", cost=-0.1)
 def _is_seen(np: Phrase) -> Condition:
-    return _exists(_changed(np, f"visible({np.whole or np.text})"))
+    text = np.whole or np.text
+    # "If you see a bed in the bedroom": wherever the robot is, that one is there.
+    return _exists(np if IN_ROOM.fullmatch(text) else _changed(np, f"visible({text})"))
 
 
 @_rule("condition", "HERE IS? negation:NOT? (NEAR | AT | BY) np", cost=-0.1)
@@ -1476,7 +1525,7 @@ def _inside_of(np: Phrase) -> Parts:
 )
 @_rule("condition", *_NUMBERED, cost=-0.3)
 def _at_least(
-    n: int, np: Phrase = _OF_THAT_NAME, more: str = "", few: str = "", only: str = "", most: str = ""
+    n: int, np: Phrase = _OF_THAT_NAME, more: str = "", few: str = "", only: str = "", most: str = "", exist: str = ""
 ) -> Condition:
     sign = ">" if more else "<" if few else "==" if only else "<=" if most else ">="
     return f"count({{0.text}}) {sign} {n}", (replace(_changed(np, np.whole or np.text, many=False), together=n > 1),)
@@ -1528,6 +1577,9 @@ def _is_nearer(np: Phrase, compared: str) -> Condition:
     "ATLEAST? (away | AWAY | SHORT FROM? | EMPTY OF | TO | FROM) targets",
     "GIVE targets BERTH COMMA? (OF | ATLEAST)* distance ATLEAST?",
     "GIVE (targets | targets:there) ATLEAST? distance (OF (ROOM | BERTH | DISTANCE))?",
+    "BUT? (GIVE | KEEP | WITH) ATLEAST? distance (OF (BERTH | DISTANCE))? BETWEEN (HERE AND targets | targets AND "
+    "HERE)",
+    "(GO | TAKE)? NOCLOSER THAN distance (TO | FROM) targets",
     "NEVER (GO | APPROACH) compared THAN distance (TO | FROM | NEAR)* targets",
     "NEVER (GO | APPROACH) IN distance (TO | FROM | NEAR | OF)* targets",
     cost=-0.2,
@@ -1537,6 +1589,8 @@ def _avoided(targets: tuple[Phrase, ...], distance: Measure | None = None, **_: 
         raise CommandError("")
     more = f", {distance.text}" if distance else ""
     notes = distance.note if distance else ()
+    if any(one.text == IT for one in targets) and distance:  # what is gone to: as far as that from it
+        raise CommandError("")
     whole = [_changed(one, one.text if one.is_room else one.whole or one.text, many=False) for one in targets]
     return tuple(Do((f"avoid({{0.argument}}{more})",), (phrase,), notes) for phrase in whole)
 
@@ -1573,29 +1627,38 @@ def _shown(order: Steps, verb: str) -> Steps:
     return order
 
 
-@_rule("done", "order (COMMA | STOP | AND | BUT)+ (MAKE | TAKE | HANDS) first:thing n:ORD", cost=-0.7)
-@_rule("done", "order (COMMA | AND | BUT)* (STARTWITH first:thing | (GIVE | KEEP) last:thing LASTLY)", cost=-0.4)
-@_rule("done", "order COMMA (first:thing n:ORD | last:thing LASTLY)", cost=-0.4)
-def _one_first(order: Steps, first: Phrase | None = None, last: Phrase | None = None, n: int = 1) -> Steps:
-    """Read "visit both desks, but leave the one in the bedroom for last"."""
-    if n == -1:
-        first, last, n = None, first, 1
-    head, one = order[0], first or last
-    if (
-        n != 1
-        or len(order) != 1
-        or not isinstance(head, Do)
-        or len(head.phrases) != 1
-        or not one
-        or not head.phrases[0].many
-    ):
+_words("_thing", "thing")
+_words("_mid", "COMMA | STOP | AND | BUT | THEN")
+_words("_visit", "MAKE | TAKE | HANDS | APPROACH | GIVE | KEEP | LOOK | _go | ON | AT | FROM")
+
+
+@_rule("done", "order _mid+ _visit? one:thing (n:ORD | last:LASTLY)", cost=-0.5)
+@_rule(
+    "done",
+    "order _mid* (STARTWITH | last:ENDWITH | (BUTFIRST | (COMMA | BUT)+ n:ORD) _visit?) one:thing (_and_others | "
+    "!(_mid+ (ORD | AFTER)? _thing))",
+    cost=-0.4,
+)
+def _one_first(order: Steps, one: Phrase, n: int = 1, last: str = "") -> Steps:
+    """Read "visit both desks, but leave the one in the bedroom for last", "..., starting with the red one"."""
+    head = order[0]
+    named = [step for step in order if isinstance(step, Do) and [one.base] == [p.base for p in step.phrases]]
+    if len(named) == 1 < len(order) and n in (1, -1):  # "the oven and the sink, the sink first"
+        rest = tuple(step for step in order if step is not named[0])
+        return (*rest, *named) if last or n == -1 else (*named, *rest)
+    if n not in (1, -1) or len(order) != 1 or not isinstance(head, Do) or len(head.phrases) != 1:
         raise CommandError("")
     every = head.phrases[0]
-    if one.base not in (ONE, every.base) or one.many:
+    if every.text == IT:  # "visit all of them, and begin with the red one"
+        every = replace(every, many=True)
+    if not every.many or one.base not in (ONE, SAME, every.base) or one.many or LAST in one.text or one.text == IT:
         raise CommandError("")
-    one = replace(one, text=one.text.replace(ONE, every.base), base=every.base, word=every.word)
-    rest = replace(head, phrases=(_changed(every, f"minus({every.text}, {one.single})"),))
-    return (*_go_to((one,)), rest) if first else (rest, *_go_to((one,)))
+    text = one.text if one.base == every.base != ONE else one.text.replace(one.base, every.text)
+    key = "last" if last or n == -1 else "first"
+    return (replace(head, phrases=(_changed(every, f'order({every.text}, "{key}", {text})'),)),)
+
+
+_words("_and_others", "_mid+ (ORD | AFTER | THEN)* DET? (OTHER (ONE | ONES)? | ONES) (ORD | AFTER | THEN | LASTLY)*")
 
 
 @_rule("done", "order COMMA? ENDLESS", "ENDLESS order", cost=0.1)
@@ -1613,6 +1676,12 @@ def _endlessly(order: Steps) -> Steps:
 
 @_rule("item", "ORD COMMA? question", cost=0.2)
 def _numbered_question(question: Steps) -> Steps:
+    return question
+
+
+@_rule("item", "question (COMMA | STOP | AND)+ NEED IT", cost=-0.3)
+def _asked_and_needed(question: Steps) -> Steps:
+    """Read "where is my suitcase? I need it": why it is asked."""
     return question
 
 
@@ -1669,7 +1738,12 @@ def _unless(condition: Condition, a: Steps, b: Steps = (), said: str = "instead"
     return (Choose(inverse, phrases, a, b, after=any(IT in phrase.text for phrase in phrases)),)
 
 
-@_rule("logical", "a:done COMMA? (OR | AND)? COMMA? OTHERWISE COMMA? b:done", cost=0.2)
+@_rule(
+    "logical",
+    "a:done _mayhap (OR | AND)? COMMA? OTHERWISE COMMA? b:done",
+    "a:done COMMA? IFSO _mayhap (OR | AND)? COMMA? OTHERWISE COMMA? b:done",
+    cost=0.2,
+)
 def _or_else(a: Steps, b: Steps) -> Steps:
     """Read "go to the sofa or, if there is none, to the chair"."""
     if len(a) != 1 or not isinstance(a[0], Do) or not a[0].phrases:
@@ -1832,6 +1906,7 @@ _rule("not_that", "(NOT IT | NOT THAT | NOWAIT) (COMMA | STOP)+")(lambda: "not t
     "topic:np (COMMA | STOP)+ struck:not_that b:items",
     cost=-0.1,
 )
+@_rule("logical", "(named:declared _mid+)? MINE topic:np _mid+ b:items", cost=-1.0)
 @_rule("logical", "NEED topic:np (COMMA | AND | STOP)+ b:question", cost=-0.3)
 @_rule("logical", "AMONG topic:np (COMMA | STOP)? b:items", cost=0.2)
 @_rule("logical", "named:np MEANT topic:np (COMMA | AND | STOP | THEN)+ b:items", cost=0.1)
@@ -1885,10 +1960,13 @@ def _taken_from(steps: Steps, topic: Phrase, group: Phrase) -> Steps:
 def _taken(phrase: Phrase, topic: Phrase, group: Phrase, *, told: bool, first: bool) -> Phrase:
     if phrase.base in (ONE, SAME) and phrase.text != IT:
         group = topic if LAST in phrase.text else group
-        text = phrase.text.replace(phrase.base, group.base).replace(LAST, topic.single)
+        them = topic.text if topic.many else topic.single
+        text = phrase.text.replace(phrase.base, group.base).replace(LAST, topic.single).replace(IT, them)
         return replace(
             phrase, text=text, whole=phrase.whole.replace(phrase.base, group.base), base=group.base, word=topic.word
         )
+    if SUCH in phrase.text:
+        return replace(phrase, text=phrase.text.replace(SUCH, topic.base))
     if not first or IT not in phrase.text:
         return phrase
     if phrase.text != IT:
@@ -1956,7 +2034,8 @@ def _enumerated(item: Steps, next: Sequence[tuple[bool | None, Steps]]) -> list[
         replace(step, phrases=(replace(one, text=one.text.replace(LAST, before.single)),))
         for step, one, before in zip(rest, listed, (head.phrases[0], *listed), strict=False)
     ]
-    return [*item[:-1], *_taken_from(tuple(told), head.phrases[0], head.phrases[0])]
+    group = replace(head.phrases[0], base=head.phrases[0].whole or head.phrases[0].text)
+    return [*item[:-1], *_taken_from(tuple(told), head.phrases[0], group)]
 
 
 @_rule("items", "item next*")
@@ -2035,10 +2114,11 @@ def _in_room(np: Phrase, room: Phrase) -> Steps:
 
 @_rule(
     "start",
-    "_mayhap (items _mayhap)? (_struck _mayhap)* (NOWAIT COMMA?)+ (NOT _np (COMMA | STOP)*)? b:items "
+    "_mayhap (items _mayhap)? (_struck _mayhap)* (NOWAIT COMMA?)+ (NOT _np ((COMMA | STOP)+ | &DET))? b:items "
     "(_mayhap (IS WHAT)? "
     "NOWAIT)? _mayhap",
-    "_mayhap (items _mayhap)? (b:done COMMA? (IS WHAT)? said:NOWAIT | (NOWAIT COMMA?)* IT IS b:wanted NEED) _mayhap",
+    "_mayhap (items _mayhap)? (b:done COMMA? (IS WHAT)? said:NOWAIT | (NOWAIT COMMA?)* IT IS b:wanted NEED) "
+    "(COMMA NOT _np)? _mayhap",
     cost=0.05,
 )
 def _instead(b: Steps, items: Steps = (), said: str = "") -> Steps:

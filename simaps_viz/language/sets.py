@@ -61,7 +61,7 @@ _DOORS: Final = ("door", "doorway", "entrance", "exit")
 _NO_COLORS: Final = "The colours of things are not known on this map."
 _ACROSS_M: Final = 0.6
 """What is opposite a thing is at least this far from it: the table in front of a couch is not."""
-_ROUND, _LONG, _SQUARE = 0.82, 1.6, 1.25
+_ROUND, _LONG, _SQUARE, _OBLONG = 0.82, 1.6, 1.25, 1.15
 _ROUGHLY_ROUND, _BOXY = 0.7, 0.89
 """The share that a square fills of its circle is .64; of its box a circle fills .79, a square all."""
 _DIAGONAL: Final = float(np.sqrt(0.5))
@@ -349,12 +349,19 @@ class Sets(Grounding):
             kept = (off <= reach.get(side, 60.0) + 1e-9) & (np.hypot(*offset.T) > 1e-6)
             return self._keep(S, kept, after=SAID["own_side"].get(side, f"to the {side} of you"))
         others = self._some(of)
-        return self._keep(S, self._beside(things, self.things_of(others), side), after=_side_words(side, others.the))
+        kept = self._beside(things, self.things_of(others), side)
+        return self._keep(S, kept, after=f"{_side_words(side)} {others.the}")
 
     def _beside(self, things: Sequence[Instance], others: Sequence[Instance], side: str) -> NDArray:
         """Return which things lie on a side of their nearest of the others, bool [things]."""
         kept = np.zeros(len(things), bool)
         far, nearest = self.nearest_of(self.cells.pack(things), self.cells.pack(others))
+        if side in ("end", "flank"):
+            longer = [other for other in others if self._is_longer(other)] or others[:1]
+            for other in longer:
+                mine = np.flatnonzero(nearest == others.index(other))
+                kept[mine] = self._at_ends([things[i] for i in mine], other) == (side == "end")
+            return kept & (far <= NEXT_TO_M + 1e-9)
         for j, other in enumerate(others):
             mine = np.flatnonzero(nearest == j).tolist()
             way = self.way_of(side, np.array(other.centroid_m[:2]))
@@ -364,6 +371,29 @@ class Sets(Grounding):
             kept[mine] &= np.array([not self._apart(things[i], other) for i in mine], bool)
         close = kept & (far <= BESIDE_M + 1e-9)
         return close if close.any() else kept
+
+    def _is_longer(self, thing: Instance) -> bool:
+        length, width, *_ = self._box(thing)
+        return length >= _OBLONG * width
+
+    def _long_axis(self, thing: Instance) -> tuple[NDArray, NDArray]:
+        """Return the middle of a thing's rectangle, and the unit vector of its longer way, float64 [2] each.
+
+        Raises:
+            CommandError: it is about as wide as long.
+        """
+        if not self._is_longer(thing):
+            raise CommandError(f"The {thing.label} is about as wide as long: which side of it is an end is not known.")
+        corners = cv2.boxPoints(cv2.minAreaRect((self._hull(thing) - thing.centroid_m[:2]).astype(np.float32)))
+        edge = max(corners[1] - corners[0], corners[2] - corners[1], key=lambda edge: float(np.hypot(*edge)))
+        return corners.mean(axis=0) + thing.centroid_m[:2], edge / np.hypot(*edge)
+
+    def _at_ends(self, things: Sequence[Instance], other: Instance) -> NDArray:
+        """Return which things are rather at an end of another than at a long side of it, bool [n]."""
+        middle, along = self._long_axis(other)
+        length, width, *_ = self._box(other)
+        offset = self.centroids(things) - middle
+        return np.abs(offset @ along) - length / 2.0 > np.abs(offset @ (-along[1], along[0])) - width / 2.0
 
     def _bearing_of(self, side: str) -> float:
         """Return the yaw of a side of the robot, radians."""
@@ -375,6 +405,8 @@ class Sets(Grounding):
         """Return the unit vector from a place to its side, as the robot sees it, float64 [2], map frame."""
         if side in _COMPASS:
             return np.array(_COMPASS[side])
+        if side in ("end", "flank"):
+            raise CommandError("an end or a long side is that of a thing or room")
         ahead = point_m - (self.viewer.x_m, self.viewer.y_m)
         far = float(np.hypot(*ahead))
         yaw = self.viewer.yaw_rad if far < 1e-6 else float(np.arctan2(ahead[1], ahead[0]))
@@ -938,6 +970,9 @@ class Sets(Grounding):
             if len(sizes) and np.isnan(sizes).all():
                 raise CommandError(_NO_COLORS)
             return np.where(np.isnan(sizes), np.inf, -sign * sizes)
+        if key in ("first", "last"):
+            put = self._some(of).items
+            return np.array([(item in put) == (key == "last") for item in items], np.float64)
         at = np.array([self.middle_of(i)[0] for i in items]).reshape(-1, 2)
         if key == "middle":
             return np.hypot(*(at - at.mean(axis=0)).T) if len(at) else np.zeros(0)
@@ -1101,10 +1136,15 @@ class Sets(Grounding):
             here = np.array([self.viewer.x_m, self.viewer.y_m])
             ahead = np.array([np.cos(self.viewer.yaw_rad), np.sin(self.viewer.yaw_rad)])
             return Position(here + ahead * max(float((centroid - here) @ ahead), 0.0))
-        way = self.way_of(side, centroid)
+        if side in ("end", "flank"):  # that of the two which is nearer
+            _, along = self._long_axis(thing)
+            way = along if side == "end" else np.array([-along[1], along[0]])
+            way = way if self.way_of("front", centroid) @ way >= 0.0 else -way
+        else:
+            way = self.way_of(side, centroid)
         extent = float(((self.cells.edge(thing.id) - centroid) @ way).max()) + self.simap.spec.cell_size_m / 2.0
         beyond = self._radius_m + CLEARANCE_M if metres is None else metres
-        words = side if side == "beside" else SAID["side_of"].get(side, f"{side} of")
+        words = side if side == "beside" else _side_words(side)
         return Position(centroid + way * (extent + beyond), thing, words)
 
     def _end_of_room(self, room: Room, side: str) -> Position:
@@ -1220,8 +1260,8 @@ def _the(room: Room) -> str:
     return room.name if room.name[-1:].isdigit() else f"the {room.name}"
 
 
-def _side_words(side: str, the: str) -> str:
-    return f"{SAID['side_of'].get(side, f'{side} of')} {the}"
+def _side_words(side: str) -> str:
+    return (SAID["side_of"] | SAID["end_of"]).get(side, f"{side} of")
 
 
 def _key(item: Any) -> tuple[bool, int]:

@@ -151,8 +151,7 @@ def test_a_chart_keeps_the_likeliest_readings_of_a_pattern() -> None:
         ("go to the chair, not the big one, the other one",
          'robot.move_to_object(minus(things("chair"), first(order(things("chair"), "large"))))'),
         ("go to the plant, halt exactly one metre before it and keep it in front of you",
-         'plant = things("potted plant")\nrobot.move_to_object(plant)\n'
-         'robot.move_to(spot(plant, "beside", 1))\nrobot.face(plant)'),
+         'plant = things("potted plant")\nrobot.move_to(spot(plant, "beside", 1))\nrobot.face(plant)'),
         ("go to the chair at the north end of the couch",
          'robot.move_to_object(first(order(near(things("chair"), "couch"), "north")))'),
         ("couch first, plant second, chair last",

@@ -423,6 +423,43 @@ def test_the_two_that_are_farthest_apart_or_closest_together_come_first(seed: in
         assert sorted(found) == sorted(ids(things)) and found[2:] == [n for n in ids(things) if n in found[2:]]
 
 
+@pytest.mark.parametrize("seed", SEEDS)
+def test_some_of_a_set_come_first_or_last_and_the_others_keep_their_order(seed: int) -> None:
+    simap, pose = random_map(seed), random_pose(seed)
+    every = ids(evaluate(simap, pose, "things('anything')"))
+    some = ids(evaluate(simap, pose, "farthest('anything', 3)"))
+    there, rest = [n for n in every if n in some], [n for n in every if n not in some]
+    assert ids(evaluate(simap, pose, "order('anything', 'first', farthest('anything', 3))")) == there + rest
+    assert ids(evaluate(simap, pose, "order('anything', 'last', farthest('anything', 3))")) == rest + there
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_ends_and_long_sides_are_those_of_a_thing_that_is_longer_than_wide(turned: bool) -> None:
+    chairs = {"end": [(26, 24), (26, 74)], "flank": [(18, 40), (18, 60), (34, 40), (34, 60)]}
+    boxes = [("dining table", 24, 30, 8, 42), *(("chair", *at, 4, 4) for places in chairs.values() for at in places)]
+    boxes += [("potted plant", 60, 60, 8, 8)]
+    swapped = [
+        (label, *(v[::-1] if turned else v), *(s[::-1] if turned else s))
+        for label, *r in boxes
+        for v, s in [(r[:2], r[2:])]
+    ]
+    simap = map_of_boxes(GridSpec(100, 100, 0.05, 0.0, 0.0), [Box(*one, 0.8) for one in swapped], ())
+    pose = Pose2(4.5, 4.5, 0.0)
+    found = {side: ids(evaluate(simap, pose, f"side('chair', '{side}', 'dining table')")) for side in chairs}
+    every = [one.id for one in simap.of_class("chair")]
+    assert {side: sorted(every.index(n) for n in ids_) for side, ids_ in found.items()} == {
+        "end": [0, 1], "flank": [2, 3, 4, 5],
+    }  # fmt: skip
+    table = np.array(simap.of_class("dining table")[0].centroid_m[:2])
+    for side, far in (("end", 1.05), ("flank", 0.2)):
+        spot = Sets(simap, pose).call(FUNCTIONS["spot"], {"T": "dining table", "side": side, "metres": 0.0})
+        assert np.abs(np.array(spot) - table)[int(turned) if side == "end" else 1 - int(turned)] == pytest.approx(
+            far, abs=0.06
+        )
+    with pytest.raises(CommandError, match="which side of it is an end is not known"):
+        evaluate(simap, pose, "side('chair', 'end', 'potted plant')")
+
+
 def test_opposite_is_where_a_thing_looks() -> None:
     """A couch at a wall, a table before it, a chair on the other side of that and one in the next room."""
     drawing = """
