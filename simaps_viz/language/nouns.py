@@ -139,8 +139,8 @@ class Part:
     (``text`` is what they are near), "but" (of several things ``text`` is a filter, of one ``definite`` is), "order"
     (``text`` is the key, ``of`` what it is measured from), "from" (what an order is measured from), "then" (the order
     in which several are gone through), "rank", "count", "other" or "vague"
-    (``text`` is a word that is not known: only one thing may be left that it could tell from others), and "counted" or
-    "row" where there has to be a rank or number, or a side.
+    (``text`` is a word that is not known: only one thing may be left that it could tell from others), "counted" or
+    "row" where there has to be a rank or number, or a side, and "single" where one thing has to be meant.
     """
 
     kind: str
@@ -181,12 +181,13 @@ def select(noun: Noun | None, parts: Iterable[Part], *, every: bool = False, som
     is_plural = every or (noun is not None and noun.is_plural)
     rank, count = _number(parts, "rank"), _number(parts, "count")
     walls = is_plural and not some and rank is None and count is None
-    parts = tuple(_told_of(part, several=is_plural or some, walls=walls) for part in parts)
+    sided = count is not None and not any(part.kind == "order" for part in parts)
+    parts = tuple(_told_of(part, several=is_plural or some, walls=walls, sided=sided) for part in parts)
     if rank is not None and (rank == 0 or abs(rank) > MAX_RANK):
         raise CommandError(f"ranks count from 1 to {MAX_RANK}, found {rank}")
     if count is not None and not 1 <= count <= MAX_COUNT:
         raise CommandError(f"from 1 to {MAX_COUNT} things can be visited, found {count}")
-    _check_counted(parts, rank, count)
+    _check_counted(parts, rank, count, several=is_plural)
     _check_added(parts)
     parts = tuple(_seated(part, noun) if part.kind == "near" and part.phrase else part for part in parts)
     base, word, notes, others = _based(noun, max(abs(rank or 1), count or 1, 2 if is_plural or parts else 1))
@@ -244,11 +245,18 @@ def select(noun: Noun | None, parts: Iterable[Part], *, every: bool = False, som
     )
 
 
-def _told_of(part: Part, *, several: bool, walls: bool) -> Part:
+_COMPASS_SIDE: Final = re.compile(r'side\(\{\}, "(north|south|east|west)"\)')
+
+
+def _told_of(part: Part, *, several: bool, walls: bool, sided: bool) -> Part:
     """Return what "the lamp, but the red one" (which it is) and "the lamps but the red one" (which not) say.
 
-    With ``walls`` "the lamps along the south wall" are all of that side.
+    With ``walls`` "the lamps along the south wall" are all of that side, and with ``sided`` "the two on the south side"
+    the southernmost.
     """
+    side = _COMPASS_SIDE.fullmatch(part.text) if sided else None
+    if side:
+        return Part("order", side[1])
     if walls and part.kind == "order" and part.number == 2:
         return replace(part, kind="filter", text=f'side({{}}, "{part.text}", "map")', number=0)
     if part.kind != "but":
@@ -301,11 +309,13 @@ def _of_one_thing(parts: Parts, noun: Noun | None) -> Parts:
     return tuple(part for part in parts if part.kind != "alias")
 
 
-def _check_counted(parts: Parts, rank: int | None, count: int | None) -> None:
+def _check_counted(parts: Parts, rank: int | None, count: int | None, *, several: bool) -> None:
     """Raise where it was said from where things are counted, and not which, or not from where they are."""
     kinds = {part.kind for part in parts}
     if rank is None and count is None and "counted" in kinds:
         raise CommandError("")  # "approach the bench from the left"
+    if several and "single" in kinds:
+        raise CommandError("")  # "the chairs at the desk, the one by the door": the desk is by it
     sided = any(part.kind == "order" and part.text in (*_SIDES, *CORNERS.values()) for part in parts)
     if rank is not None and not sided and "row" in kinds:
         raise CommandError("from which end of the row is counted was not said")
@@ -703,8 +713,8 @@ def _sorted_from(key: str, np: Phrase | None = None, last: str = "") -> Parts:
 
 @_rule(
     "post",
-    "COMMA? STARTWITH DET? (key:key | FROM DET? side) SIDE? (ONE | ONES)? | COMMA? DET? (key:key | side) (ONE | ONES | "
-    "OF IT | OF ONES)? n:ORD",
+    "(COMMA | BUT | AND)* STARTWITH DET? (key:key | FROM? DET? side) SIDE? (ONE | ONES)?",
+    "COMMA? DET? (key:key | side) (ONE | ONES | OF IT | OF ONES)? n:ORD",
     cost=-0.2,
 )
 def _sorted(key: str = "", side: str = "", n: int = 1) -> Parts:
@@ -1076,6 +1086,12 @@ def _the_room_one(room: Phrase) -> Parts:
     return _inside(room)
 
 
+@_rule("post", "COMMA DET ONE (OF IT)? post", cost=0.29)
+def _the_outer_one(post: Parts) -> Parts:
+    """Read "the chair at the table, the one farther from you": of the chairs rather than of the tables."""
+    return (*(replace(part, outer=True) for part in post), Part("single"))
+
+
 @_rule("post", "COMMA? (IT IS)? DET ONE post", cost=0.3)
 def _the_one(post: Parts) -> Parts:
     """Read "the table, the one in this room"."""
@@ -1332,6 +1348,7 @@ def _except(targets: tuple[Phrase, ...], said: str = "", relation: Sequence[Part
 _NEGATIONS: Final = ("not", "but not", "and not", "only not")
 
 
+@_rule("post", "(COMMA | BUT)* (GIVE | KEEP) np ALONE", cost=-0.2)
 @_rule("post", "COMMA? WITHOUT &(DET ONE) np", cost=-0.1)
 def _without_one(np: Phrase) -> Parts:
     """Read "how many stools are there, without the one in the office?"."""
@@ -1406,6 +1423,8 @@ def _every(noun: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) ->
 
 @_rule("thing", "BOTH (OF | DET)* pre* noun post*")
 def _both(noun: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
+    if noun.known and not noun.is_plural:  # "both the sofa and the lamp"
+        raise CommandError("")
     return select(noun, (Part("count", number=2), *_flat(pre), *_flat(post)), every=True)
 
 
@@ -1465,10 +1484,9 @@ def _compound(of: Noun, noun: Noun, pre: Sequence[Parts] = (), post: Sequence[Pa
         return select(noun, (*_flat(pre), *_flat(post)))
     note = f'"{of.spoken} {noun.spoken}" is read as the {noun.spoken} nearest the {of.spoken}'
     place = select(of, ())
-    post = _flat(post)
-    ordered = any(part.kind == "order" for part in post)  # "the book table closer to the counter"
+    ordered = any(part.kind == "order" for part in _flat(post))  # "the book table closer to the counter"
     beside = Part("near" if ordered else "order", place.argument if ordered else "near", phrase=place, note=note)
-    return select(noun, (*_flat(pre), beside if ordered else replace(beside, of=place.measure), *post))
+    return select(noun, (*_flat(pre), beside if ordered else replace(beside, of=place.measure), *_flat(post)))
 
 
 @_rule("thing", "_dets pre* noun (_is? ONLY | WITH ROOM)? FOR (n:whole | np) post*", cost=-0.2)
@@ -1512,9 +1530,16 @@ def _of_room(noun: Noun, room: Phrase, pre: Sequence[Parts] = ()) -> Phrase:
     return select(noun, (*_flat(pre), *_inside(room)))
 
 
-@_rule("thing", "EVERY? it:IT", cost=0.02)
-def _it(it: str) -> Phrase:
+@_rule("thing", "(EVERY | BOTH OF?)? it:IT", "BOTH", "(EVERY | BOTH) OF? DET* whole", cost=0.02)
+def _it(it: str = "", whole: int = 0) -> Phrase:
+    """Read "it", "all of them", "stop at both"."""
     return Phrase(IT, ONE, "it" if it in ("it", "there") else "thing")
+
+
+@_rule("thing", "key:WHICHEVER (TO? HERE)?", cost=0.1)
+def _whichever_is(key: str) -> Phrase:
+    """Read "there are two bags. Take whichever is nearer"."""
+    return replace(select(None, [Part("order", key)]), among=True)
 
 
 @_rule("thing", "WHATEVER np IS+ (ON | IN | AT)", cost=-0.2)
@@ -1686,6 +1711,7 @@ def _room_of(np: Phrase) -> Phrase:
 
 _rule("numerous", "MOSTLY")(lambda: "many")
 _rule("numerous", "FEWEST")(lambda: "few")
+_rule("numerous", "counted:COUNTED")(lambda counted: "many" if counted == "more" else "few")
 _rule("room_name", "ROOM")(lambda: Noun("room", "", base="rooms()"))
 _rule("room_name", "ROOMS")(lambda: Noun("room", "", base="rooms()", is_plural=True))
 _rule("room_name", "name:ROOMKIND", cost=0.3)(lambda name: Noun(name, "", base=f"rooms({quoted(name)})"))

@@ -645,8 +645,8 @@ def _heading(compass: float) -> float:
     return compass
 
 
-@_rule("order", "(_looking | _turning _prep* _looking?) heading", cost=-0.1)
-def _face_compass(heading: float) -> Steps:
+@_rule("order", "(_looking | _turning (way? AROUND? UNTIL HERE? IS?)? _prep* _looking?) heading", cost=-0.1)
+def _face_compass(heading: float, way: str = "") -> Steps:
     return (Do((f"robot.turn_absolute({tidy(heading)})",)),)
 
 
@@ -821,7 +821,7 @@ def _how_many(np: Phrase, post: Sequence[Parts] = ()) -> Steps:
     return _told(refine(np, [part for parts in post for part in parts]), "count")
 
 
-@_rule("question", "&EXCEPT besides:post COMMA? question", cost=0.2)
+@_rule("question", "&EXCEPT besides:post (COMMA | STOP)? question", cost=0.2)
 @_rule("question", "!(WHERE | WITH | THAT) relation COMMA? question", cost=0.4)
 def _asked_there(question: Steps, relation: Parts = (), besides: Parts = ()) -> Steps:
     """Read "in the kitchen how many windows are there?", "apart from the kitchen, how many windows are there?"."""
@@ -833,7 +833,7 @@ def _asked_there(question: Steps, relation: Parts = (), besides: Parts = ()) -> 
         raise CommandError("")
     chosen = first.text.startswith(("first(", "nth(", "nearest(", "farthest(", "last("))  # the nearest of those there
     there = refine(replace(first, text=first.base, whole="") if chosen else first, relation or besides)
-    text = first.text.replace(first.base, there.text) if chosen else there.text
+    text = (first.text.replace(first.base, there.text) if chosen else there.text).replace(ONE, first.base)
     return (replace(step, phrases=(replace(there, text=text), *step.phrases[1:])),)
 
 
@@ -1072,7 +1072,8 @@ def _nearer_of_two(a: Phrase, b: Phrase, c: Phrase, compared: str = "near") -> S
 def _on_which(noun: Noun, np: Phrase) -> Steps:
     """Read "on which table is the cake?"."""
     things = select(replace(noun, is_plural=True), ())
-    return _told(_changed(things, f"having({things.text}, {np.argument})", things.notes + np.notes), "list")
+    text = f"having({things.text}, {np.argument})"
+    return _told(_changed(things, text, things.notes + np.notes, many=False), "list")
 
 
 @_rule("question", "IS (HERE | IT)? (compared TO? | NEAR) b:np OR (TO | NEAR)? c:np", cost=-0.6)
@@ -1284,6 +1285,15 @@ def _which(np: Phrase) -> Steps:
     return _told(np, "which" if chosen else "list")
 
 
+@_rule("question", "WHICH OF DET* pre* (noun | noun:room_name) post+", cost=-0.5)
+def _which_of_several_is(noun: Noun, post: Sequence[Parts], pre: Sequence[Parts] = ()) -> Steps:
+    """Read "which of the two bedrooms has more books?": one of them."""
+    parts = [part for parts in (*pre, *post) for part in parts if part.kind != "count"]
+    if not any(part.kind == "order" for part in parts):
+        raise CommandError("")
+    return _which(select(replace(noun, is_plural=False), parts))
+
+
 @_rule(
     "question", "WHICH (OF DET*)? pre* noun IS DET ONE (post+ | (ON | IN | TO) DET* (side SIDE? | MIDDLE))", cost=-0.1
 )
@@ -1328,7 +1338,7 @@ def _what_is(post: Sequence[Parts], what: str) -> Steps:
         parts.append(Part("filter", "visible({})"))
     sided = any(re.fullmatch(r'side\(\{\}, "\w+"\)', part.text) for part in parts)
     if sided and not any("room(" in part.text for part in parts):  # nor beyond the walls on the other sides
-        parts.append(Part("filter", 'inside({}, "")'))
+        parts.append(Part("filter", 'at({}, "here")'))
     return _told(refine(EVERYTHING, parts), "what")
 
 

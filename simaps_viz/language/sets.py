@@ -359,7 +359,7 @@ class Sets(Grounding):
         if side in ("end", "flank"):
             longer = [other for other in others if self._is_longer(other)] or others[:1]
             for other in longer:
-                mine = np.flatnonzero(nearest == others.index(other))
+                mine = np.flatnonzero(nearest == others.index(other)).tolist()
                 kept[mine] = self._at_ends([things[i] for i in mine], other) == (side == "end")
             return kept & (far <= NEXT_TO_M + 1e-9)
         for j, other in enumerate(others):
@@ -806,6 +806,10 @@ class Sets(Grounding):
         word = place.strip().lower()
         if word in ("wall", "corner"):
             return self._keep(S, self._at_walls(self.things_of(S), word), after=SAID["places"][word])
+        if word == "here":
+            here = self.simap.room_at(self.viewer.x_m, self.viewer.y_m) if self.simap.rooms else None
+            found = self._inside(S, here) if here else self.set_of(S)
+            return found if found.items else self.set_of(S)
         if word in ("middle", "center", "centre"):
             things = self.things_of(S)
             kept = [self._in_middle(np.array([i.centroid_m[:2]])) for i in things]

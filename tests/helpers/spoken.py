@@ -236,8 +236,8 @@ _IDS: Final = {
     "ends_off": lambda v: v[0],
     "avoids": lambda v: v[0],
     "laps": lambda v: v[:1],
-} | dict.fromkeys(("visits_all", "ends_near", "faces", "answer_instances", "answer_any"), lambda v: v)
-"""Of the keys of an expectation that name instances: where their ids are."""
+} | dict.fromkeys(("visits_all", "ends_near", "faces"), lambda v: v)
+"""Of the keys of an expectation that look instances up on the map: where their ids are."""
 
 
 def lacking(simap: SIMap, command: Mapping[str, Any]) -> list[int]:

@@ -553,6 +553,44 @@ def test_corrections_additions_and_returns_are_kept(said: str, program: str) -> 
             'robot.move_to_object(nearest(near(minus(colored(things("chair"), "red"), colored(things("chair"), '
             '"green")), "couch", 3), 1, "couch"))',
         ),
+        (
+            "there are two red chairs next to the couch. Stop at both of them.",
+            'for chair in nearest(near(colored(things("chair"), "red"), the(things("couch")), 3), 2, "couch"):\n    '
+            "robot.move_to_object(chair)",
+        ),
+        (
+            "there are two chairs at the table. Take whichever is closer",
+            'robot.move_to_object(nearest(nearest(near(things("chair"), the(things("dining table")), 3), 2, "dining '
+            'table")))',
+        ),
+        (
+            "go to all chairs, but leave the red one alone",
+            'for chair in minus(things("chair"), colored(things("chair"), "red")):\n    robot.move_to_object(chair)',
+        ),
+        (
+            "on which table is the plant? Go to the other one.",
+            'table = first(having(things("dining table"), "potted plant"))\ntell(table, "list")\n'
+            'robot.move_to_object(minus(things("dining table"), table))',
+        ),
+        (
+            "leave out the one on the couch: how many plants are there?",
+            'tell(minus(things("potted plant"), on(things("potted plant"), "couch")), "count")',
+        ),
+        ("which of the two couches has more chairs?", 'tell(first(order(things("couch"), "many", "chair")), "which")'),
+        (
+            "go to each chair, but begin on the left",
+            'for chair in order(things("chair"), "left"):\n    robot.move_to_object(chair)',
+        ),
+        (
+            "the chair at the table, the one farther from you",
+            'robot.move_to_object(farthest(near(things("chair"), "dining table", 3)))',
+        ),
+        (
+            "if there are more than three chairs at the table, go to it",
+            'if count(near(things("chair"), the(things("dining table")))) > 3:\n    robot.move_to_object("dining '
+            'table")',
+        ),
+        ("turn until you're looking south", "robot.turn_absolute(180)"),
     ],
 )
 def test_sets_are_gone_through_in_their_order_and_less_what_is_left_out(said: str, program: str) -> None:

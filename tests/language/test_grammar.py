@@ -234,7 +234,7 @@ def test_questions_logic_and_relations(said: str, program: str) -> None:
          'robot.move_to_object("potted plant")\n'
          'robot.move_to_object("couch")'),
         ("set your heading to due west", 'robot.turn_absolute(270)'),
-        ("which of the chairs is the farthest away from you?", 'tell(first(order(things("chair"), "far")), "which")'),
+        ("which of the chairs is the farthest away from you?", 'tell(farthest(things("chair")), "which")'),
         ("somewhere soft to sit", 'robot.move_to_object("couch")'),
         ("I left my keys on the chair with the plant on it, would you go there?",
          'chair = first(under(things("chair"), "potted plant"))\n'

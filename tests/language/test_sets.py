@@ -436,14 +436,13 @@ def test_some_of_a_set_come_first_or_last_and_the_others_keep_their_order(seed: 
 @pytest.mark.parametrize("turned", [False, True])
 def test_ends_and_long_sides_are_those_of_a_thing_that_is_longer_than_wide(turned: bool) -> None:
     chairs = {"end": [(26, 24), (26, 74)], "flank": [(18, 40), (18, 60), (34, 40), (34, 60)]}
-    boxes = [("dining table", 24, 30, 8, 42), *(("chair", *at, 4, 4) for places in chairs.values() for at in places)]
-    boxes += [("potted plant", 60, 60, 8, 8)]
-    swapped = [
-        (label, *(v[::-1] if turned else v), *(s[::-1] if turned else s))
-        for label, *r in boxes
-        for v, s in [(r[:2], r[2:])]
+    places = [("dining table", 24, 30, 8, 42), ("potted plant", 60, 60, 8, 8)]
+    places[1:1] = [("chair", *at, 4, 4) for group in chairs.values() for at in group]
+    boxes = [
+        Box(label, col, row, cols, rows, 0.8) if turned else Box(label, row, col, rows, cols, 0.8)
+        for label, row, col, rows, cols in places
     ]
-    simap = map_of_boxes(GridSpec(100, 100, 0.05, 0.0, 0.0), [Box(*one, 0.8) for one in swapped], ())
+    simap = map_of_boxes(GridSpec(100, 100, 0.05, 0.0, 0.0), boxes, ())
     pose = Pose2(4.5, 4.5, 0.0)
     found = {side: ids(evaluate(simap, pose, f"side('chair', '{side}', 'dining table')")) for side in chairs}
     every = [one.id for one in simap.of_class("chair")]
