@@ -3,7 +3,7 @@
 Missed things are counted by class, by distance, by size in the picture, and by whether they were missed in the frame
 before: a network that misses a thing misses it again, which simulated errors drawn anew for every frame do not. Level
 "detector" of the simulated errors was set from what this prints. ``--simulate`` simulates errors as frequent as those
-measured, and segments that cover as much of things and of what is around them, and compares the maps of both.
+measured, and segments that cover as much of things and of what is around them, as confidently, and compares the maps.
 """
 
 import math
@@ -52,6 +52,8 @@ class MaskErrors:
     """Objects of all classes: things, also those that the network has no name for, and stuff."""
     called: dict[str, Counter[str]] = field(default_factory=dict)
     """What the objects of each class are called by the segment that shows them best."""
+    scores: dict[str, tuple[list[float], list[float]]] = field(default_factory=dict)
+    """Confidence of the segment that shows an object of each class best, named wrongly and rightly."""
     extents: dict[str, NDArray] = field(default_factory=dict)
     """Of things that are most of what their segment shows, pixels [all or covered, beside it or its own, places]."""
     after: dict[str, list[int]] = field(default_factory=dict)
@@ -112,16 +114,18 @@ class MaskErrors:
                 note(self.invented, not any(both.get((i, k), 0) > PART * found_px[k] for i in things))
         for s in exact.segments:
             if true_px[s.id] >= smallest:
-                showing = {k: n for k in names if (n := both.get((s.id, k), 0)) > PART * true_px[s.id]}
-                self._add_object(s, int(np.log2(true_px[s.id] / smallest)), showing, names)
+                showing = {k: n for k in found.segments if (n := both.get((s.id, k.id), 0)) > PART * true_px[s.id]}
+                self._add_object(s, int(np.log2(true_px[s.id] / smallest)), showing)
         self._add_extents(exact, found, both, smallest)
         self._found.append({i: bool(shows[i]) for i in things})
 
-    def _add_object(self, known: Segment, size: int, showing: Mapping[int, int], names: Mapping[int, str]) -> None:
-        """Count an object of any class by the segments that show it: {id: pixels they share}."""
+    def _add_object(self, known: Segment, size: int, showing: Mapping[Segment, int]) -> None:
+        """Count an object of any class by the segments that show it: {segment: pixels they share}."""
         count(self.by_class_and_size, (known.label, size), not showing)
         if showing:
-            self.called.setdefault(known.label, Counter())[names[max(showing, key=lambda k: showing[k])]] += 1
+            best = max(showing, key=lambda k: showing[k])
+            self.called.setdefault(known.label, Counter())[best.label] += 1
+            self.scores.setdefault(known.label, ([], []))[best.label == known.label].append(best.score)
         if known.is_thing and known.label not in self.known:
             note(self.unnamed, bool(showing))
 
@@ -162,7 +166,8 @@ class MaskErrors:
             missed = sum(row[1] for row in table) / sum(row[0] for row in table)
             by_size = tuple((row[1] + 4 * missed) / (row[0] + 4) for row in table)
             shares = {name: n / names.total() for name, n in names.most_common()}
-            classes[label] = ClassErrors(by_size, shares, self._extent(label))
+            wrong, right = map(sorted, self.scores[label])
+            classes[label] = ClassErrors(by_size, shares, self._extent(label), (tuple(wrong), tuple(right)))
         # The mean distance of a border displaced by a normal deviate is 0.8 standard deviations.
         border_px = float(np.median(self.border_px)) / 0.8 if self.border_px else 0.0
         return ErrorLevel(

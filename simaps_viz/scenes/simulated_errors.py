@@ -35,6 +35,8 @@ class ClassErrors:
     extent: NDArray | None = None
     """Float [2, `PLACES`²]: in each place of `around` a thing, the shares of the pixels beside it and of its own that
     its segment covers. None: its own."""
+    scores: tuple[tuple[float, ...], tuple[float, ...]] = ((), ())
+    """Confidences of those that are named wrongly, and rightly; ascending."""
 
 
 @dataclass(frozen=True)
@@ -192,7 +194,7 @@ def simulate_errors(
     ]
     names = _names(found, instances, chance, draws)
     segment_of = _numbers(found, names, instances)
-    segments = {segment_of[i]: (names[i], _score(i, names[i], instances, draws)) for i in found}
+    segments = {segment_of[i]: (names[i], _score(i, names[i], instances, chance, draws)) for i in found}
     lookup = np.zeros(max(int(moved.max()), max(instances, default=0)) + 1, dtype=np.uint16)
     for i in found:
         lookup[i] = segment_of[i]
@@ -283,8 +285,12 @@ def _numbers(found: list[int], names: Mapping[int, str], instances: Mapping[int,
     return numbers
 
 
-def _score(i: int, name: str, instances: Mapping[int, KnownInstance], draws: _Draws) -> float:
-    """Return a confidence: lower for a wrong name."""
+def _score(i: int, name: str, instances: Mapping[int, KnownInstance], chance: ErrorLevel, draws: _Draws) -> float:
+    """Return a confidence: lower for a wrong name, or one of those that were measured."""
+    if chance.by_class is not None:
+        measured = chance.by_class[instances[i].label].scores[name == instances[i].label]
+        if measured:
+            return round(measured[int(draws.score[i] * len(measured))], 3)
     low, high = (0.70, 0.99) if name == instances[i].label else (0.40, 0.80)
     return round(float(low + (high - low) * draws.score[i]), 3)
 

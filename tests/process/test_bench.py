@@ -124,7 +124,8 @@ def test_errors_of_masks_are_counted_one_by_one():
     errors = measure_masks.MaskErrors(frozenset({"chair", "couch", "lamp"}))
     for distance_m in (1.0, 4.0):
         depth_m = np.full(exact.shape, distance_m, np.float32)
-        errors.add(truth, Segmentation(found, tuple(Segment(i, label) for i, label in labels.items())), depth_m)
+        segments = tuple(Segment(i, label, 0.3 if label == "couch" else 0.9) for i, label in labels.items())
+        errors.add(truth, Segmentation(found, segments), depth_m)
     assert errors.by_class == {"chair": [10, 0], "lamp": [2, 2]}
     assert errors.by_band == {0: [6, 1], 2: [6, 1]} and errors.by_size == {0: [12, 2]}
     assert errors.after == {"found": [5, 0], "missed": [1, 1]}
@@ -136,6 +137,7 @@ def test_errors_of_masks_are_counted_one_by_one():
     assert level.by_class is not None and set(level.by_class) == {"chair"}  # lamps were never found
     chair = level.by_class["chair"]
     assert (chair.miss_by_size, chair.names) == ((0.0,), {"chair": 0.8, "couch": 0.2})
+    assert chair.scores == ((0.3,) * 2, (0.9,) * 8)
     assert (level.split, level.merge) == (0.2, 1.0)
     errors.later = [[8, 2], [1, 9]]  # odds of 36
     assert errors.lasting() == pytest.approx(math.cos(math.pi / 7))

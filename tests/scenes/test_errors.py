@@ -203,6 +203,15 @@ def test_each_class_errs_as_it_was_measured(monkeypatch):
     )
 
 
+def test_measured_confidences_are_as_frequent_as_they_were(monkeypatch):
+    names = {"chair": 0.5, "dog": 0.5}
+    level = only(monkeypatch, by_class={"chair": ClassErrors((0.0,), names, scores=((0.3,), (0.4, 0.8, 0.8)))})
+    rows = [row for frame in range(200) for row in spoil(level, frame=str(frame))[1]]
+    assert {row["score"] for row in rows if row["label"] == "dog"} == {0.3}
+    right = [row["score"] for row in rows if row["label"] == "chair"]
+    assert set(right) == {0.4, 0.8} and right.count(0.4) / len(right) == pytest.approx(1 / 3, abs=0.08)
+
+
 @pytest.mark.parametrize("distance_m", [0.5, 3.0])
 def test_a_thing_taken_for_its_neighbour_is_part_of_the_neighbours_segment(monkeypatch, distance_m):
     """The cup, beside the last couch, is taken for one; three metres away it is a couch of its own."""
