@@ -13,14 +13,14 @@ from hypothesis import HealthCheck, settings
 # How long an example takes says how busy the machine is, not whether the program is right; and a change is judged by
 # the same examples everywhere. Others are drawn by `pytest --hypothesis-profile=others`, and by `apps/fuzz.py`.
 settings.register_profile(
-    "same examples", max_examples=50, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
+    "same examples", max_examples=30, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
 )
 settings.register_profile("others", settings.get_profile("same examples"), derandomize=False, max_examples=1000)
 settings.load_profile("same examples")
 
 
 SLOW_FOLDERS = {"docs", "process"}
-BEGUN_FIRST = ("process", "docs", "live", "viewer")
+BEGUN_FIRST = ("checking", "process", "docs", "live", "scenes", "language", "segmentation", "evaluation", "viewer")
 """The folders whose files take long: begun last, one of them would keep one worker busy and leave the others idle."""
 
 

@@ -2,7 +2,6 @@
 
 from collections import Counter
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,17 +13,13 @@ from simaps_viz.baselines.vlmaps import (
     EXACT,
     ContourSettings,
     SimulatedLSeg,
-    VLMapsAccumulator,
     VLMapsConfig,
     build_vlmaps,
     dense_bytes,
-    split_classes,
 )
 from simaps_viz.errors import InputError
 from simaps_viz.events import BuildFinished, BuildStarted, CommunitiesFound, FrameProjected, MergesFound
 
-SHARED = Path(__file__).parents[2].parent / "shared"
-HOUSE = SHARED / "data" / "aws-small-house" / "rgbd"
 CLEAN = ContourSettings(closing=0, sigma=0.0, dilation=0, min_box_cells=0, fill=False)
 DENSE = VLMapsConfig(stride=1, weighting="uniform", contours=CLEAN)
 
@@ -176,22 +171,3 @@ def test_those_who_watch_are_told_in_order_and_see_the_map_grow(tiny):
 def test_bad_settings_are_named(change, message):
     with pytest.raises(InputError, match=message):
         VLMapsConfig(**change)
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not SHARED.is_dir(), reason=f"{SHARED} is not on this machine")
-def test_the_house_has_one_chair_by_class_and_many_by_contours():
-    """Every third frame, so that it stays a smoke check; with all of them it has 8 chairs or 9."""
-    sequence, config = open_sequence(HOUSE), VLMapsConfig()
-    gathered = VLMapsAccumulator(sequence.labels, sequence.is_thing, config, SimulatedLSeg(sequence.labels))
-    T_map_camera = sequence.T_map_world @ sequence.poses
-    for index in range(0, len(sequence), 3):
-        gathered.add_frame(sequence.read(index), sequence.segmentation(index), T_map_camera[index])
-    grid = gathered.grid()
-    chair = grid.label == grid.labels.index("chair")
-    by_class = split_classes(grid, config, components=False)[1]
-    assert len(np.unique(by_class[chair])) == 1
-    by_contour = split_classes(grid, config, components=True)[1]
-    sizes = np.bincount(by_contour[chair & (by_contour > 0)])
-    assert 7 <= (sizes >= 20).sum() <= 10
-    assert gathered.store.held_bytes < dense_bytes(*grid.spec.shape)

@@ -167,22 +167,10 @@ def test_another_sites_page_gets_nothing(browser):
     other.server_close()
 
 
-def test_a_browser_with_the_token_comes_in_and_one_without_does_not(browser, monkeypatch):
-    monkeypatch.setenv("SIMAPS_TOKEN", "A-token_of_0123456789_abcdefghij")
-    with Workbench(hostile_map(), services=toy_services(), port=free_port()) as bench:
-        with watched_page(browser) as page:
-            answer = page.goto(bench.url)
-            assert answer is not None and answer.status == 401
-        with watched_page(browser) as page:
-            page.goto(bench.entrance)
-            page.wait_for_function(MAP_SHOWN)
-            assert "token" not in page.url
-            assert "A-token" not in page.evaluate("() => document.cookie + document.documentElement.outerHTML")
-            until(page, lambda: len(bench.tabs._session_of) == 1)  # its hidden frame came through, with the cookie
-
-
 def test_a_visitors_page_changes_nothing_until_the_owners_address_is_opened(browser, tmp_path):
     with toy_target(tmp_path) as target, watched_page(browser) as page:
+        answer = page.goto(target.closed.url)  # without the token
+        assert answer is not None and answer.status == 401
         for address, owner in ((target.closed.entrance, False), (target.closed.owner_entrance, True)):
             page.goto(address)
             page.wait_for_function(MAP_SHOWN)
@@ -190,6 +178,9 @@ def test_a_visitors_page_changes_nothing_until_the_owners_address_is_opened(brow
             page.get_by_text("Recorded builds", exact=True).click()
             page.get_by_role("button", name="List again").wait_for()
             assert "token" not in page.url
+            seen = page.evaluate("() => document.cookie + document.documentElement.outerHTML")
+            assert target.closed.access.token not in seen
+            until(page, lambda: target.closed.tabs._session_of)  # its hidden frame came in, with the cookie
             expect(page.get_by_role("tab", name="Mend", exact=True)).to_have_count(int(owner))
             for name in ("Rename …", "Delete …", "Restore …"):
                 expect(page.get_by_role("button", name=name, exact=True)).to_have_count(int(owner))

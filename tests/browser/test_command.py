@@ -233,20 +233,3 @@ def test_a_language_model_is_asked_shown_and_stopped(browser):
             say(mine(bench), page, "turn left")
             expect(page.get_by_text("Done")).to_be_visible()
             assert len(server.received) == 2
-
-
-def test_the_camera_follows_from_above_and_from_behind_and_comes_back(bench, page):
-    camera = mine(bench).client.camera
-    overview = tuple(camera.position)
-    field_of(page, "Follow robot").check()
-    until(page, lambda: camera.position[:2] == pytest.approx((mine(bench).pose.x_m, mine(bench).pose.y_m), abs=0.1))
-    hurry(mine(bench), page)
-    say(mine(bench), page, "go to the couch")
-    expect(page.get_by_text("Done")).to_be_visible()
-    until(page, lambda: camera.position[:2] == pytest.approx((mine(bench).pose.x_m, mine(bench).pose.y_m), abs=0.1))
-    mine(bench).look("3-D view")
-    say(mine(bench), page, "turn right")
-    until(page, lambda: camera.position[2] < 5.0)
-    mine(bench).look("Top view")
-    field_of(page, "Follow robot").uncheck()
-    until(page, lambda: tuple(camera.position) == pytest.approx(overview, rel=1e-3))

@@ -1,7 +1,6 @@
 """Comparing two maps in the page: Debian's Chromium on the toy map."""
 
 import threading
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,7 +13,7 @@ from toy_maps import toy_map
 
 from simaps_viz.drawing.compare_picture import KINDS, TwoPictures
 from simaps_viz.errors import InputError
-from simaps_viz.evaluation.two_maps import TRUTH, Source
+from simaps_viz.evaluation.two_maps import Source
 from simaps_viz.mapping.file import save_map
 from simaps_viz.mapping.simap import repartition
 from simaps_viz.viewer.panels.compare import ComparePanel, load_bytes
@@ -32,10 +31,6 @@ def make(key, simap, tell):
             tell("mapping frames", step, 6000)
             if GATE.wait(0.05):
                 break
-    if key == TRUTH:
-        chair = simap.at(*CHAIR_3)
-        cells = np.where(simap.instance == chair.id, 0, simap.instance).astype(np.int32)
-        return replace(simap, instance=cells, instances=tuple(i for i in simap.instances if i != chair))
     return repartition(simap, k_percent=0.0)
 
 
@@ -43,7 +38,6 @@ SOURCES = (
     Source("components", "Method components"),
     Source("slow", SLOW),
     Source("broken", "Broken"),
-    Source(TRUTH, "Ground truth"),
 )
 
 
@@ -158,16 +152,6 @@ def test_side_by_side_lies_to_the_right_at_the_same_scale(bench):
     assert panel.take_click(2.0 + seam, -0.5)
     expect(page.get_by_text("chairs 1 + 3 ·")).to_have_count(0)
     choose(panel, page, "Show as", "Swipe")
-
-
-def test_the_truth_scores_and_what_it_lacks_is_extra(bench):
-    desk, panel, page = bench
-    begin(desk, panel, page, "Ground truth")
-    expect(page.get_by_text("1 of 7 on This map (paper) match nothing")).to_be_visible()
-    assert panel.maps.score.pq == pytest.approx(6 / 6.5)
-    expect(page.get_by_text("PQ 0.92")).to_be_visible()
-    page.get_by_role("button", name="extra · chair").click()
-    expect(page.get_by_text("Ground truth: nothing")).to_be_visible()
 
 
 def test_other_settings_of_the_same_map_follow_the_slider(bench):

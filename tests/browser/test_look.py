@@ -4,10 +4,8 @@ import pytest
 from browser import field_of, mine, open_workbench, until, wait_for_color, watched_page
 from page_looks import CHAIR_1, select_chair_1
 from playwright.sync_api import expect
-from toy_maps import toy_map
 
 from simaps_viz.colors.classes import instance_color
-from simaps_viz.colors.instances import class_colors
 from simaps_viz.drawing.theme import DARK, LIGHT
 from simaps_viz.viewer.panels.command import CommandPanel
 from simaps_viz.viewer.panels.map import MapPanel
@@ -31,23 +29,6 @@ def test_a_key_makes_the_page_dark_and_light_again(bench, page):
     expect(page.get_by_text("never seen").locator("i")).to_have_css("background-color", f"rgb{DARK.unseen}")
     page.get_by_role("button", name="Light / dark").or_(page.get_by_text("Light / dark")).first.click()
     wait_for_color(bench, page, OPEN_FLOOR, LIGHT.floor)
-
-
-def test_keys_select_nothing_stand_up_and_step(bench, page):
-    session = mine(bench)
-    session.select(CHAIR_1)
-    until(page, lambda: session.selected == CHAIR_1)
-    press(page, "Escape")
-    until(page, lambda: session.selected is None)
-    last = session.frame
-    press(page, "[")
-    until(page, lambda: session.frame == last - 1)
-    press(page, "]")
-    until(page, lambda: session.frame == last)
-    press(page, "3")
-    page.wait_for_function("() => window.__viserMutable.nodeRefFromName['/blocks/0'] != null")
-    press(page, "t")
-    page.wait_for_function("() => window.__viserMutable.nodeRefFromName['/blocks/0'] == null")
 
 
 @pytest.mark.parametrize("focused", ["button", "box to tick"])
@@ -147,15 +128,3 @@ def test_the_help_lists_every_key_and_closes(page):
     expect(title).to_be_visible()
     page.get_by_role("button", name="Close").click()
     expect(title).not_to_be_visible()
-
-
-def test_classes_have_the_colours_of_the_legend(bench, page):
-    session = mine(bench)
-    session.panels[MapPanel].set_look("class", None)
-    session.repaint()
-    of_class = class_colors(toy_map())
-    for one in bench.simap.instances:
-        wait_for_color(bench, page, one.centroid_m[:2], of_class[one.label])
-    for label, color in of_class.items():
-        entry = page.locator(".simaps-entry", has_text=label).first.locator("i")
-        expect(entry).to_have_css("background-color", f"rgb{color}")

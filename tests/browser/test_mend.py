@@ -49,14 +49,6 @@ def mending(mended):
     return mended[1]
 
 
-@pytest.fixture(scope="module")
-def shared(browser, tmp_path_factory):
-    """A page, its workbench and the edits; tests mend one object after another."""
-    with mendable(tmp_path_factory.mktemp("mended")) as (bench, mending), watched_page(browser, 1280, 1000) as page:
-        open_workbench(page, bench)
-        yield page, bench, mending
-
-
 def opened(page, bench):
     """Open the page at its Mend tab; returns its session and panel."""
     open_workbench(page, bench)
@@ -126,6 +118,13 @@ def joins(bench, page, mending):
     expect(page.get_by_text("They do not touch: 3.60 m lie between them.")).to_be_visible()
     selected(page, "chair 3")  # what was joined is selected
     expect(page.locator("ol").get_by_text("joined chair 3 and chair 4")).to_be_visible()
+    press(page, "Instance", role="tab")
+    expect(page.get_by_text(f"{BY_HAND}, see below. Of the 5 frames that saw it, 2 saw")).to_be_visible()
+    expect(page.get_by_text(MACHINE)).to_have_count(0)
+    when = mending.log.entries[-1].when
+    line = f"joined chair 3 and chair 4, by Ann, {when[:10]} {when[11:16]} UTC"
+    expect(page.locator("div:has(> b:text-is('Edited by hand'))").get_by_text(line)).to_be_visible()
+    press(page, "Mend", role="tab")
     shows(bench, page, CHAIR_4, 3)
     assert pixel(bench, page, *CHAIR_4) == pixel(bench, page, *CHAIR_3)
     expect(page.get_by_text("Saved to")).to_be_visible()
@@ -285,74 +284,3 @@ def test_two_pages_see_one_anothers_edits(browser, bench, mending):
         press(ann, "Undo")
         expect(ann.get_by_text("No edits yet")).to_be_visible()
     assert mending.log.entries == ()
-
-
-def signed(shared, name):
-    page, bench, mending = shared
-    press(page, "Mend", role="tab")
-    sign(mine(bench).panels[MendPanel], page, name)
-    return len(mending.log.entries)
-
-
-def chosen(shared, place, number):
-    """Click an object, and wait until the panel speaks of it."""
-    page, bench, _ = shared
-    click(bench, page, place)
-    until(page, lambda: mine(bench).panels[MendPanel]._shown == number)
-
-
-def explained(shared, place, edits, what, who, words):
-    """After so many edits the Instance tab says that people made the object at a place, who and when, and of what."""
-    page, bench, mending = shared
-    panel = mine(bench).panels[MendPanel]
-    until(page, lambda: len(mending.log.entries) == edits and panel.waiting is None)  # the next click selects again
-    click(bench, page, place)
-    press(page, "Instance", role="tab")
-    expect(page.get_by_text(BY_HAND)).to_be_visible()
-    expect(page.get_by_text(words)).to_be_visible()
-    expect(page.get_by_text(MACHINE)).to_have_count(0)
-    when = mending.log.entries[-1].when
-    line = f"{what}, by {who}, {when[:10]} {when[11:16]} UTC"
-    expect(page.locator("div:has(> b:text-is('Edited by hand'))").get_by_text(line)).to_be_visible()
-
-
-def test_an_object_nobody_mended_is_explained_by_the_frames(shared):
-    page, bench, _ = shared
-    press(page, "Instance", role="tab")
-    click(bench, page, PLANT_9)
-    expect(page.get_by_text(MACHINE)).to_be_visible()
-    expect(page.get_by_text(BY_HAND)).to_have_count(0)
-
-
-def test_an_object_joined_by_hand_says_who_joined_what(shared):
-    page, bench, _ = shared
-    before = signed(shared, "Ann")
-    chosen(shared, CHAIR_3, 3)
-    press(page, "Join")
-    until(page, lambda: mine(bench).panels[MendPanel].waiting == "join")
-    click(bench, page, CHAIR_4)
-    words = "Of the 5 frames that saw it, 2 saw"
-    explained(shared, CHAIR_4, before + 1, "joined chair 3 and chair 4", "Ann", words)
-
-
-def test_an_object_cut_by_hand_says_who_cut_what(shared):
-    page, bench, _ = shared
-    before, panel = signed(shared, "Ann"), mine(bench).panels[MendPanel]
-    chosen(shared, TABLE_8, 8)
-    cut_by_clicks(panel, page)
-    click(bench, page, (3.6, -0.3))
-    until(page, lambda: len(panel._points) == 1)
-    click(bench, page, (3.6, 0.9))
-    words = "Of the 4 frames that saw it, 4 saw"
-    explained(shared, TABLE_8, before + 1, "cut dining table 8 in two", "Ann", words)
-
-
-def test_an_object_renamed_by_hand_says_who_calls_it_so(shared):
-    page, bench, _ = shared
-    before = signed(shared, "Bo")
-    chosen(shared, PLANT_9, 9)
-    choose(mine(bench).panels[MendPanel], page, "Class", "couch")
-    press(page, "Rename")
-    words = "Of the 4 frames that saw it, 4 saw"
-    explained(shared, PLANT_9, before + 1, "potted plant 9 is called couch", "Bo", words)
-    assert mine(bench).selected == 9

@@ -159,12 +159,6 @@ def test_the_dark_page_can_be_read_as_well(bench, page):
     assert not any(found.values()), found
 
 
-def test_on_a_larger_page_too_nothing_is_small_or_wider_than_its_panel(bench, page):
-    with resized(bench, page, 1920, 1080):
-        found = seen_in_all_tabs(page, bench, lambda: small_or_spilt(page))
-        assert not any(found.values()), found
-
-
 @contextmanager
 def resized(bench, page, width, height):
     """Make the window another size, for a while."""

@@ -13,7 +13,7 @@ from browser import (
 from playwright.sync_api import expect
 
 from simaps_viz.colors.classes import instance_color
-from simaps_viz.drawing.texture import FLOOR, map_image
+from simaps_viz.drawing.texture import map_image
 
 CHAIR_1, CHAIR_3, TABLE = 1, 3, 6
 EAST_HALF_OF_CHAIR_1 = (1.375, 1.925)
@@ -77,16 +77,6 @@ def test_a_click_selects_and_a_click_on_the_floor_deselects(bench, page):
     assert mine(bench).selected is None
 
 
-def test_a_selection_outlives_a_new_partition(bench, page):
-    click_map(bench, page, EAST_HALF_OF_CHAIR_1)
-    expect(object_title(page, "chair 1")).to_be_visible()
-    tab(page, "Map")
-    fill(page, "K (%)", "30")
-    tab(page, "Instance")
-    expect(object_title(page, "chair 2")).to_be_visible()
-    assert mine(bench).selected == 2
-
-
 def test_a_command_drives_the_robot_and_the_next_starts_there(bench, page):
     tab(page, "Command")
     where = "() => { const p = window.__viserMutable.nodeRefFromName['/robot'].position; return [p.x, p.y, p.z]; }"
@@ -103,16 +93,6 @@ def test_a_command_drives_the_robot_and_the_next_starts_there(bench, page):
     fill(page, "Command", "go to the piano")
     expect(page.get_by_text("There is no piano on this map. It has: chair (3), dining table (2).")).to_be_visible()
     assert mine(bench).pose.x_m == 1.5
-
-
-def test_failures_are_told_and_the_page_lives_on(bench, page, caplog):
-    tab(page, "Command")
-    fill(page, "Command", "go to the locked room")
-    expect(page.get_by_text("No free way to the locked room.")).to_be_visible()
-    fill(page, "Command", "crash")
-    expect(page.get_by_text("Unexpected error (ZeroDivisionError)").first).to_be_visible()
-    fill(page, "Command", "go to the piano")
-    expect(page.get_by_text("Refused")).to_be_visible()
 
 
 def test_two_clicks_set_the_start_pose(bench, page):
@@ -144,15 +124,3 @@ def test_the_slanted_view_shows_blocks_that_can_be_clicked(bench, page):
     tab(page, "Map")
     page.get_by_role("button", name="Top view").click()
     until(page, lambda: camera.position[2] > 20.0)
-
-
-def test_frames_fill_the_map(bench, page):
-    tab(page, "Build")
-    fill(page, "Frame", "0")
-    expect(page.get_by_text("000000")).to_be_visible()
-    # Community 5, the couch, was not seen in frame 0.
-    couch = next(i for i in mine(bench).simap.instances if i.label == "couch")
-    wait_for_color(bench, page, couch.centroid_m[:2], FLOOR)
-    page.wait_for_function("() => window.__viserMutable.nodeRefFromName['/camera'] != null")
-    fill(page, "Frame", "1")
-    wait_for_color(bench, page, couch.centroid_m[:2], instance_color(couch.id))

@@ -5,7 +5,7 @@ import os
 import signal
 import subprocess
 import sys
-import time
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -142,16 +142,14 @@ def test_options_without_sense_are_refused(sequence, tmp_path, capsys):
 
 def test_ctrl_c_leaves_the_earlier_map_and_nothing_else(tmp_path):
     folder = tmp_path / "long"
-    write_tiny_sequence(folder, frames=3000)
+    write_tiny_sequence(folder, frames=1000)  # whose events are more than a pipe holds that nobody reads on
     output, record = tmp_path / "m.npz", tmp_path / "m.rrd"
     output.write_bytes(b"an earlier map")
     command = [*SIMAPS, "build", str(folder), "-o", str(output), "--record", str(record), "--json"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
-        for line in process.stdout:
-            if json.loads(line)["event"] == "frame":
-                break
-        time.sleep(0.3)
+        frames = (line for line in process.stdout if json.loads(line)["event"] == "frame")
+        assert len(list(islice(frames, 100))) == 100
         process.send_signal(signal.SIGINT)
         _, err = process.communicate(timeout=600)
     assert process.returncode == 130 and "interrupted" in err and "Traceback" not in err and "--resume" in err

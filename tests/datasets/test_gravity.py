@@ -78,7 +78,7 @@ worlds = st.builds(
 )
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=8)
 @given(T_world_room=worlds, pitch_deg=st.sampled_from([5.0, 25.0, 60.0]))
 def test_a_room_in_any_world(T_world_room: NDArray, pitch_deg: float) -> None:
     """Walls fill most of every picture and the table top is larger than the floor seen around it."""
@@ -90,7 +90,7 @@ def test_a_room_in_any_world(T_world_room: NDArray, pitch_deg: float) -> None:
     assert floor_height_m == pytest.approx(true_up @ T_world_room[:3, 3], abs=0.02)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=8)
 @given(T_world_room=worlds)
 def test_known_up_of_any_length_only_needs_the_floor(T_world_room: NDArray) -> None:
     frames = [room_frame(look(yaw, 25.0), T_world_room) for yaw in (20, 160, 250)]
@@ -207,15 +207,14 @@ def test_nothing_at_all_to_see_still_has_an_up() -> None:
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the sequences in ../shared/data are not here")
-@pytest.mark.parametrize("removed", [("up", "floor_height_m"), ("up",), ("floor_height_m",)])
 @pytest.mark.parametrize("folder", ["hololens-breakroom", "aws-small-house/rgbd"])
-def test_real_sequences_without_gravity(tmp_path: Path, folder: str, removed: tuple[str, ...]) -> None:
+def test_real_sequences_without_gravity(tmp_path: Path, folder: str) -> None:
     keys = json.loads((SHARED / folder / "sequence.json").read_text())
     up, floor_height_m = np.array(keys["up"], float), keys["floor_height_m"]
     for key in ("color", "depth", "intrinsics", "poses"):
         keys[key] = os.path.relpath(SHARED / folder / keys[key], tmp_path)
     del keys["segmentation"]
-    for key in removed:
+    for key in ("up", "floor_height_m"):
         del keys[key]
     (tmp_path / "sequence.json").write_text(json.dumps(keys))
     T_map_world = open_sequence(tmp_path).T_map_world

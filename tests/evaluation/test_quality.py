@@ -148,7 +148,7 @@ def painted(boxes):
     return ids
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(blobs, blobs, st.randoms(use_true_random=False))
 def test_the_fast_scores_are_those_of_the_plain_twin(true_boxes, found_boxes, random):
     truth, found = painted(true_boxes), painted(found_boxes)
@@ -163,7 +163,7 @@ def test_the_fast_scores_are_those_of_the_plain_twin(true_boxes, found_boxes, ra
     assert result.iou_sum == pytest.approx(expected[3])
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(blobs, st.randoms(use_true_random=False))
 def test_truth_against_itself_is_exactly_one_whatever_the_ids(boxes, random):
     truth = painted(boxes)

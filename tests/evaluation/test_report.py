@@ -1,9 +1,6 @@
 """Evaluations as a whole: who is built from what, what is written, and what the pictures show."""
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import cv2
@@ -34,16 +31,12 @@ from simaps_viz.evaluation.run import (
 )
 from simaps_viz.evaluation.truth import truth_map
 from simaps_viz.evaluation.two_maps import NO_PARTNER, PALETTE, distinct_colors
-from simaps_viz.mapping.file import save_map
 from simaps_viz.scenes.demo import DemoSettings, ensure_demo
 
 pytestmark = pytest.mark.slow  # whole evaluations are run
 
 SHARED = Path(__file__).parents[2].parent / "shared"
-HOUSE = SHARED / "data" / "aws-small-house" / "rgbd"
 needs_shared = pytest.mark.skipif(not SHARED.is_dir(), reason=f"{SHARED} is not on this machine")
-EVERY = 20
-"""Only every 20th frame of the house is used: simulating mask errors takes a third of a second for each."""
 RULES = ScoringRules(min_true_cells=4, min_found_cells=4)
 
 
@@ -276,38 +269,3 @@ def test_what_cannot_be_done_is_refused_before_anything_is_built(cafe, changes, 
 
     with pytest.raises(InputError, match=message):
         run_evaluation(EvaluationConfig(**({"sequence": str(cafe.path)} | changes)), build)
-
-
-def agree(simap, truth, folder, tmp_path) -> None:
-    """Compare our scores with those of a program that shares no code with ours."""
-    save_map(simap, tmp_path / "map.npz")
-    command = [sys.executable, SHARED / "tools" / "score_map.py", tmp_path / "map.npz", folder]
-    theirs = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
-    ours = score(simap, truth)
-    assert ours.overall.pq == pytest.approx(theirs["pq"], abs=0.01)
-    assert set(ours.by_class) == set(theirs["by_label"])
-    for key in ("true", "found", "matched"):
-        assert abs(getattr(ours.overall, key) - theirs[key]) <= 1  # a picture frame has 19 or 20 cells, by rounding
-    for name, score_of in theirs["by_label"].items():
-        if score_of["true"] == ours.by_class[name].true:
-            assert ours.by_class[name].pq == pytest.approx(score_of["pq"], abs=0.01), name
-
-
-@pytest.mark.slow
-@needs_shared
-def test_the_house_scores_as_an_independent_program_says(tmp_path):
-    copy = tmp_path / "house" / "rgbd"
-    copy.mkdir(parents=True)
-    (tmp_path / "house" / "scene.json").write_bytes((HOUSE.parent / "scene.json").read_bytes())
-    for name in ("intrinsics.txt", "sequence.json"):
-        (copy / name).write_bytes((HOUSE / name).read_bytes())
-    for name in ("color", "depth", "instance"):
-        os.symlink(HOUSE / name, copy / name)
-    poses = (HOUSE / "poses.txt").read_text().splitlines()
-    (copy / "poses.txt").write_text("\n".join(poses[::EVERY]) + "\n")
-    noise = [sys.executable, SHARED / "tools" / "noise.py", copy, "medium0", "medium", "0"]
-    subprocess.run(noise, check=True, capture_output=True)
-    exact = open_sequence(copy)
-    truth = truth_map(exact)
-    agree(build_map(exact), truth, copy, tmp_path)
-    agree(build_map(open_sequence(copy / "sequence-medium0.json")), truth, copy, tmp_path)

@@ -75,7 +75,7 @@ def test_masks_that_are_not_exact_are_refused(tmp_path):
         observe_world(open_sequence(write_tiny_sequence(tmp_path, truth="segments")))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.floats(-1.0, 5.0), st.floats(-2.0, 3.0))
 def test_clearance_is_the_distance_to_what_is_occupied(x, y):
     rows, cols = np.nonzero(TOY.occupied)

@@ -23,7 +23,7 @@ def covered(polygon, shape):
     return shapely.contains_xy(polygon, col, row)
 
 
-@settings(deadline=None, max_examples=150)
+@settings(deadline=None, max_examples=50)
 @given(arrays(np.bool_, st.tuples(st.integers(1, 9), st.integers(1, 9))))
 def test_outlines_are_valid_and_cover_exactly_the_cells(mask):
     polygons = [shapely.Polygon(rings[0], rings[1:]) for rings in outlines(mask)]

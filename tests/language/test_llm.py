@@ -276,7 +276,7 @@ HARMFUL = [
 ]
 
 
-@pytest.mark.parametrize("program", HARMFUL)
+@pytest.mark.parametrize("program", HARMFUL[::3])  # all of them: tests/language/test_program_hostile.py
 def test_harmful_programs_never_become_a_reading(program: str) -> None:
     for reply in (writes(program), block(program)):
         refusal(reply, kind=LLMRefusedError)

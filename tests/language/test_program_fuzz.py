@@ -22,7 +22,7 @@ from simaps_viz.language.primitives import PRIMITIVES
 from simaps_viz.language.program import parse_program
 from simaps_viz.navigation.agent import Agent, answer
 
-EXAMPLES = int(os.environ.get("SIMAPS_FUZZ_EXAMPLES", "100"))
+EXAMPLES = int(os.environ.get("SIMAPS_FUZZ_EXAMPLES", "50"))
 PATIENCE_S = 1.0 if EXAMPLES > 100 else 60.0
 """Processor time: in a long run by hand a second counts as hanging; a test suite on a busy machine is no clock."""
 BUDGET = Budget(steps=200, loop_turns=20, path_m=30.0)

@@ -3,14 +3,12 @@
 import math
 from collections import defaultdict
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from drawn_readings import drawn_grid, drawn_readings, evidence_map, random_readings
 from toy_maps import TOY_SPEC, toy_map
 
-from simaps_viz import BuildConfig, build_map, open_sequence
 from simaps_viz.drawing.frame_pictures import OTHER_OUTLINE, OUTLINE, outlined
 from simaps_viz.drawing.texture import map_image
 from simaps_viz.errors import InputError
@@ -25,7 +23,6 @@ from simaps_viz.mapping.explain import (
     summary,
 )
 from simaps_viz.mapping.partition import applied_steps
-from simaps_viz.mapping.simap import repartition
 from simaps_viz.recorder.map_log import merge_order
 from simaps_viz.recorder.settings import SMALL
 from simaps_viz.structures import SIMap
@@ -41,8 +38,6 @@ from simaps_viz.viewer.scene.why_marks import (
 )
 
 CHAIR_1, CHAIR_3, CHAIR_4, COUCH, TABLE = 1, 3, 4, 5, 6
-SHARED = Path(__file__).parents[2].parent / "shared"
-HOUSE = SHARED / "data" / "aws-small-house" / "rgbd" / "sequence-pred.json"
 
 
 def test_the_chair_of_two_communities():
@@ -290,15 +285,6 @@ def check_whole(simap: SIMap) -> list[Why]:
         if why.weakest is not None:
             assert joint_line(simap, why, why.weakest).shape[1:] == (2, 3)
     return found
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not SHARED.is_dir(), reason=f"{SHARED} is not on this machine")
-def test_every_instance_of_the_house_is_explained():
-    simap = build_map(open_sequence(HOUSE), BuildConfig(method="evidence"))
-    assert sum(len(why.joints) for why in check_whole(simap)) > 100
-    check_whole(repartition(simap, affinity=0.05))
-    check_whole(repartition(simap, affinity=0.99))
 
 
 def test_the_joint_is_drawn_where_the_parts_meet():

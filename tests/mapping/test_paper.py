@@ -23,7 +23,7 @@ def partitions(draw):
 
 @pytest.mark.slow
 @given(partitions())
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=80, deadline=None)
 def test_steps_are_the_twins(partition):
     assert merge_steps(*partition) == plain_merge_steps(*partition)
 
@@ -56,7 +56,7 @@ def test_a_threshold_takes_the_prefix_of_each_class_even_where_shares_rise_again
 
 @pytest.mark.slow
 @given(partitions(), st.sampled_from([0.0, 0.05, 0.2, 0.34, 0.5, 0.99, 1.0]))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_the_prefix_is_what_stopping_at_k_gives(partition, k):
     community, edges = partition
     steps = [(s + 1, t + 1, share) for s, t, share in merge_steps(community, edges)]

@@ -147,7 +147,7 @@ def test_beside_is_extent_plus_radius_plus_clearance(primitive: str, side: tuple
     assert (said.final_pose.x_m, said.final_pose.y_m) == pytest.approx(tuple(expected))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.floats(0.3, 5.7), st.floats(0.3, 5.7), st.floats(0.0, 360.0))
 def test_left_and_right_are_as_seen_from_where_the_command_was_given(x: float, y: float, heading: float) -> None:
     simap, pose = one_chair(), Pose2.from_heading(x, y, heading)

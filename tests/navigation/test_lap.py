@@ -41,7 +41,7 @@ def is_drivable(simap: SIMap, points: np.ndarray) -> bool:
     return all(free[spec.cell_of(x, y)] for x, y in dense.tolist())
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(
     st.integers(20, 100), st.integers(20, 100), st.integers(1, 30), st.integers(1, 30),
     st.sampled_from([1.0, 2.0, -1.0, 3.0]), st.booleans(),

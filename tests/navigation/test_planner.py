@@ -60,7 +60,7 @@ def box_of(goal: np.ndarray) -> np.ndarray:
     return np.array([rows.min(), rows.max(), cols.min(), cols.max()], np.int64)
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(st.integers(0, 10_000), st.integers(2, 16), st.integers(2, 16), st.floats(0.0, 0.6), st.integers(1, 4))
 def test_astar_costs_what_dijkstra_costs(seed: int, rows: int, cols: int, share: float, goals: int) -> None:
     random = np.random.default_rng(seed)
@@ -95,7 +95,7 @@ def random_floor(seed: int, rows: int, cols: int) -> np.ndarray:
     return free
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.integers(0, 100_000), st.integers(2, 40), st.integers(2, 40))
 def test_astar_costs_what_networkx_finds(seed: int, rows: int, cols: int) -> None:
     free = random_floor(seed, rows, cols)
@@ -112,7 +112,7 @@ def test_astar_costs_what_networkx_finds(seed: int, rows: int, cols: int) -> Non
         assert cost == pytest.approx(networkx_cost(graph, 0, free.size - 1, cols))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.integers(0, 100_000), st.integers(1, 12), st.integers(1, 12), st.floats(0.0, 0.6))
 def test_straight_jumps_against_walking(seed: int, rows: int, cols: int, share: float) -> None:
     free = np.random.default_rng(seed).random((rows, cols)) >= share
@@ -133,7 +133,7 @@ def test_straight_jumps_against_walking(seed: int, rows: int, cols: int, share: 
             assert jumps[row, col, side] == (n if found else -n)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.integers(0, 100_000), st.integers(2, 40), st.integers(2, 40))
 def test_smoothing_never_cuts_an_obstacle(seed: int, rows: int, cols: int) -> None:
     """Every cell that a stretch of the path so much as touches is free, and no stretch is longer than what it skips."""
@@ -210,7 +210,7 @@ def test_astar_is_deterministic() -> None:
         assert np.array_equal(first[0], again[0]) and first[1] == again[1]
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(st.integers(0, 10_000), st.tuples(*[st.floats(0.01, 9.99)] * 4))
 def test_line_of_sight_against_dense_sampling(seed: int, ends: tuple[float, float, float, float]) -> None:
     free = np.random.default_rng(seed).random((10, 10)) > 0.15

@@ -9,7 +9,6 @@ from typing import Any
 
 import pytest
 from benchmarks.paper import OnePass
-from checked_sequences import thinned
 
 from simaps_viz import open_sequence, save_map
 from simaps_viz.datasets.sequence import PosedFrames
@@ -26,9 +25,8 @@ pytestmark = pytest.mark.skipif(not SHARED.is_dir(), reason=f"{SHARED} is not on
 
 METHODS = ("evidence", "components", "paper")
 """From the best to the worst."""
-ERRORS = (("light", 101, 0.88), ("heavy", 102, 0.60))
-"""Simulated errors, their seed, and the least quality: seeds that the defaults were not chosen on."""
-TABLES = ("dining table", "table", "coffee table", "desk")
+ERRORS = "heavy", 102, 0.60
+"""Simulated errors, their seed, and the least quality: a seed that the defaults were not chosen on."""
 
 
 @pytest.fixture(scope="module")
@@ -79,8 +77,8 @@ def in_order(pq: Mapping[str, float]) -> bool:
     return len(ordered) > 1 and ordered == sorted(ordered, reverse=True)
 
 
-@pytest.mark.parametrize(("level", "seed", "least"), ERRORS)
-def test_simulated_errors_cost_little(house, truth, level, seed, least):
+def test_simulated_errors_cost_little(house, truth):
+    level, seed, least = ERRORS
     masks = WithSimulatedErrors(house, level, seed)
     masks.prepare()
     pq = overall(scores_by_method(masks, truth))
@@ -104,13 +102,3 @@ def test_exact_masks_give_nearly_the_true_map(exact_maps, files, truth):
     ours = {method: score(simap, truth) for method, simap in exact_maps.items()}
     assert ours["evidence"].overall.pq == pytest.approx(theirs["pq"], abs=0.002)
     assert in_order(overall(ours)), overall(ours)
-
-
-def test_the_papers_method_finds_all_chairs_and_tables_with_exact_masks(exact_maps, files, tmp_path):
-    """What is true is what every third frame sees, which is all of them, and sooner."""
-    assert exact_maps["paper"].parameters["k_percent"] == 5.0 and exact_maps["paper"].method == "paper"
-    scores = judged(files["paper"], thinned(HOUSE, tmp_path, 3), "chair", *TABLES)
-    assert scores["true"] == scores["matched"] == 12
-    assert scores["by_label"]["chair"]["matched"] == 8
-    assert scores["pq"] >= 0.95
-    assert files["paper"].stat().st_size <= 2 * 2**20
