@@ -11,7 +11,7 @@ from playwright.sync_api import expect
 from stub_page import color_at, colors_around, open_desk, settle, stub_page
 from toy_maps import toy_map
 
-from simaps_viz.drawing.compare_picture import KINDS, TwoPictures
+from simaps_viz.drawing.compare_picture import KINDS
 from simaps_viz.errors import InputError
 from simaps_viz.evaluation.two_maps import Source
 from simaps_viz.mapping.file import save_map
@@ -131,27 +131,6 @@ def test_the_line_shows_one_map_west_and_the_other_east_of_it(bench):
     until(page, lambda: line_near(desk, page, middle, (26, 30, 38)))
     page.get_by_text("Mark all listed").click()
     until(page, lambda: panel._mark_all.value)
-
-
-def test_side_by_side_lies_to_the_right_at_the_same_scale(bench):
-    desk, panel, page = bench
-    begin(desk, panel, page)
-    choose(panel, page, "Show as", "Side by side")
-    maps = panel.maps
-    seam = TwoPictures(maps).shift_m("side by side")[0]
-    until(page, lambda: desk.pictures[-1].spec.cols > 2 * maps.spec.cols)
-    spec = desk.pictures[-1].spec
-    assert spec.cols * spec.cell_size_m == pytest.approx(seam + 6.0)
-    assert (spec.x0_m, spec.y0_m) == (maps.spec.x0_m, maps.spec.y0_m)
-    settle(desk, page)
-    color = tuple(maps.left.colors[maps.spec.cell_of(*COUCH)].tolist())
-    for x in (COUCH[0], COUCH[0] + seam):
-        until(page, lambda x=x: near(color_at(desk, page, x, COUCH[1]), color))
-    assert panel.take_click(CHAIR_3[0] + seam, CHAIR_3[1])
-    expect(page.get_by_text("chairs 1 + 3 ·")).to_be_visible()
-    assert panel.take_click(2.0 + seam, -0.5)
-    expect(page.get_by_text("chairs 1 + 3 ·")).to_have_count(0)
-    choose(panel, page, "Show as", "Swipe")
 
 
 def test_other_settings_of_the_same_map_follow_the_slider(bench):

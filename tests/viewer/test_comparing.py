@@ -156,6 +156,20 @@ def test_pictures_are_of_the_maps_that_are_compared(panel, desk, painter):
     assert panel._pictures._theme is DARK
 
 
+def test_side_by_side_a_click_on_the_right_map_is_on_its_own_place(panel, desk) -> None:
+    compares(panel, desk)
+    panel._how.value = "Side by side"
+    desk.submit("compare picture", panel._draw)
+    assert desk.wait_idle()
+    maps, picture = panel.maps, desk.pictures[-1]
+    assert maps is not None and picture is not None
+    east_m = TwoPictures(maps).shift_m("side by side")[0]
+    assert picture.spec.cols > 2 * maps.spec.cols and picture.spec.x0_m == maps.spec.x0_m
+    x, y = desk.simap.by_id(3).centroid_m[:2]
+    assert panel.take_click(x + east_m, y) and panel._chosen == maps.items[0]
+    assert panel.take_click(2.0 + east_m, -0.5) and panel._chosen is None  # on its floor
+
+
 def test_a_comparison_given_up_while_it_is_painted_is_not_shown(panel, desk, painter):
     painter.meanwhile.append(panel.stop)
     compares(panel, desk)
