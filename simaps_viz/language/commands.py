@@ -715,7 +715,7 @@ class Writer:
             if mention.phrase.many and not mention.name:
                 mention.name = self._fresh(_identifier(mention.phrase.word))
                 mention.assigned = True
-                loop = _Line(f"for {mention.name} in {mention.phrase.text}:", tuple(mentions[1:]), [])
+                loop = _Line(f"for {mention.name} in {mention.phrase.text}:", tuple(mentions[1:]), [], mention.needs)
                 lines.append(loop)
                 lines = mention.body = loop.body
         # A line that ends in a colon takes the indented lines after it.

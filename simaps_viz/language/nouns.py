@@ -626,14 +626,9 @@ def _ranked(n: int) -> Parts:
     return (Part("rank", number=n),)
 
 
-@_rule("pre", "NEAREST | NEARBY")
-def _nearest() -> Parts:
-    return (Part("order", "near"),)
-
-
-@_rule("pre", "FARTHEST")
-def _farthest() -> Parts:
-    return (Part("order", "far"),)
+@_rule("pre", "NEAREST | NEARBY | far:FARTHEST")
+def _nearest(far: str = "") -> Parts:
+    return (Part("order", "far" if far else "near"),)
 
 
 @_rule("pre", "side:MOST SIDE?", "side SIDE?")
@@ -795,24 +790,14 @@ def _side_of_map(side: str) -> Parts:
     return _filter(f'side({{}}, "{side}", "map")')
 
 
-@_rule("relation", "(FRONT | BEFORE) HERE", "FORWARD (OF HERE)?")
-def _ahead() -> Parts:
-    return _filter(AHEAD)
+@_rule("relation", "(FRONT | BEFORE) HERE", "FORWARD (OF HERE)?", "behind:BEHIND HERE")
+def _ahead(behind: str = "") -> Parts:
+    return _filter('side({}, "behind")' if behind else AHEAD)
 
 
-@_rule("relation", "BEHIND HERE")
-def _at_back() -> Parts:
-    return _filter('side({}, "behind")')
-
-
-@_rule("relation", "FRONT np")
-def _in_front(np: Phrase) -> Parts:
-    return _side_of("front", np)
-
-
-@_rule("relation", "BEHIND np")
-def _behind(np: Phrase) -> Parts:
-    return _side_of("behind", np)
+@_rule("relation", "FRONT np | behind:BEHIND np")
+def _in_front(np: Phrase, behind: str = "") -> Parts:
+    return _side_of("behind" if behind else "front", np)
 
 
 @_rule("relation", "near:NEAR np", "_near np")
@@ -933,14 +918,9 @@ def _nearest_wall(side: str, spot: str, far: str = "") -> Parts:
     return (Part("order", opposite[side] if far else side),)
 
 
-@_rule("relation", "n:ORD? DET? NEAREST (_here | ONE)?", "NEAR HERE")
-def _nearest_here(n: int = 0) -> Parts:
-    return (*(_ranked(n) if n else ()), Part("order", "near"))
-
-
-@_rule("relation", "n:ORD? DET? FARTHEST AWAY? (_here | ONE)?")
-def _farthest_here(n: int = 0) -> Parts:
-    return (*(_ranked(n) if n else ()), Part("order", "far"))
+@_rule("relation", "n:ORD? DET? (NEAREST | far:FARTHEST AWAY?) (_here | ONE)?", "NEAR HERE")
+def _nearest_here(n: int = 0, far: str = "") -> Parts:
+    return (*(_ranked(n) if n else ()), Part("order", "far" if far else "near"))
 
 
 @_rule("relation", "NEARBY")
@@ -1179,8 +1159,7 @@ def _having_both(a: Phrase, b: Phrase) -> Parts:
 
 @_rule("relation", "WITH ITS pre* noun")
 def _having_its(noun: Noun, pre: Sequence[Parts] = ()) -> Parts:
-    np = select(noun, _flat(pre))
-    return _filter(f"having({{}}, {np.argument})", np)
+    return _having(select(noun, _flat(pre)))
 
 
 @_rule(
@@ -1284,27 +1263,17 @@ def _that_is(adjective: Parts) -> Parts:
     return adjective
 
 
-@_rule("post", "(AND | COMMA | BUT)+ (THAT | IS)* NOT (relation | adjective)")
-def _and_is_not(relation: Parts = (), adjective: Parts = ()) -> Parts:
-    return tuple(_negated(part) for part in (*relation, *adjective))
-
-
 @_rule("post", "_is NOT np", cost=0.1)
 def _is_no(np: Phrase) -> Parts:
     """Read "things that are not chairs"."""
     return _filter(f"minus({{}}, {np.whole or np.text})", np, outer=True)
 
 
-@_rule("post", "COMMA? BUT? NOTHING _is (relation | adjective)", cost=0.1)
+@_rule("post", "(AND | COMMA | BUT)+ (THAT | IS)* NOT (relation | adjective)")
+@_rule("post", "COMMA? BUT? NOTHING _is (relation | adjective)", "(COMMA | STOP) ONLY NOT relation", cost=0.1)
 def _but_none(relation: Parts = (), adjective: Parts = ()) -> Parts:
-    """Read "a chair, but none that stands at a table"."""
+    """Read "a chair that is not red", "... but none that stands at a table", "... Only not at the long table"."""
     return tuple(_negated(part) for part in (*relation, *adjective))
-
-
-@_rule("post", "(COMMA | STOP) ONLY NOT relation", cost=0.1)
-def _only_not(relation: Parts) -> Parts:
-    """Read "a chair with a cushion. Only not at the long table"."""
-    return tuple(_negated(part) for part in relation)
 
 
 @_rule("post", "COMMA? (AND | BUT)? ONLY DET* (relation | adjective+ ONES? | (ONES | ONE) post+)", cost=-0.1)

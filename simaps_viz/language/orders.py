@@ -233,8 +233,9 @@ def _want_to_use(targets: tuple[Phrase, ...]) -> Steps:
 @_rule(
     "order", "(PASS | _go) via:targets COMMA? ONWAY targets", "ONWAY targets COMMA? (PASS | _go) via:targets", cost=-0.6
 )
+@_rule("order", "_go targets COMMA? VIA via:targets", "_go VIA via:targets TO targets", cost=-0.6)
 def _on_the_way(via: tuple[Phrase, ...], targets: tuple[Phrase, ...]) -> Steps:
-    """Read "pass by the coat rack on your way to the suitcase"."""
+    """Read "pass by the coat rack on your way to the suitcase", "go to the suitcase via the kitchen"."""
     return (*_go_to(via), *_go_to(targets))
 
 
@@ -543,11 +544,6 @@ def _from_to(np: Phrase, a: Phrase | None = None, back: str = "") -> Steps:
 
 
 _words("_along", "_goer? (THROUGHOUT | NEAR) _np | FOLLOW _np")
-
-
-@_rule("order", "_go targets COMMA? VIA via:targets", "_go VIA via:targets TO targets", cost=-0.6)
-def _go_via(via: tuple[Phrase, ...], targets: tuple[Phrase, ...]) -> Steps:
-    return (*_go_to(via), *_go_to(targets))
 
 
 @_rule("order", "_goer? times? SHUTTLE BETWEEN pair times?", cost=-0.6)
@@ -1504,9 +1500,11 @@ def _exists_there(np: Phrase, relation: Parts, negation: str = "") -> Condition:
     return _holds(np, relation, negation=negation)
 
 
-@_rule("condition", "EXIST (NOT | WITHOUT | NUMBER) np EITHER?", "HERE NEVER SEE np", cost=-0.2)
-def _exists_not(np: Phrase) -> Condition:
-    return "count({0.text}) == 0", (replace(np, many=False),)
+@_rule("condition", "EXIST (NOT | WITHOUT | NUMBER) np EITHER?", "HERE NEVER SEE np", "it:IT NOT np", cost=-0.2)
+def _exists_not(np: Phrase, it: str = "there") -> Condition:
+    if it != "there":  # "there isn't a chair", but not "it isn't a chair"
+        raise CommandError("")
+    return "count({0.text}) == 0", (_changed(np, np.whole or np.text, many=False),)
 
 
 @_rule("condition", "IS? np IS? negation:NOT? (relation | adjective)", cost=0.1)
@@ -1552,6 +1550,8 @@ def _counts(counted: str, a: Phrase, b: Phrase | None = None, relation: Parts = 
     room = IN_ROOM.fullmatch(a.text)
     if room and ALL.fullmatch(b.text):  # "more chairs in the kitchen than windows"
         b = _changed(b, f"inside({b.text}, {room[1]})")
+    elif (room := IN_ROOM.fullmatch(b.text)) and ALL.fullmatch(a.text) and a.base != b.base:
+        a = _changed(a, f"inside({a.text}, {room[1]})")  # "more chairs than windows in the kitchen"
     phrases = tuple(_changed(one, one.whole or one.text, many=False) for one in (a, b))
     return f"count({{0.text}}) {'>' if counted == 'more' else '<'} count({{1.text}})", phrases
 
@@ -1777,15 +1777,10 @@ def _in_order(a: Steps, b: Steps) -> Steps:
     return (*a, *b)
 
 
-@_rule("logical", "BEFORE b:done COMMA? PASS via:targets", cost=-0.3)
-def _past_before(b: Steps, via: tuple[Phrase, ...]) -> Steps:
-    """Read "before you go to the fridge, go past the oven"."""
-    return (*_go_to(via), *b)
-
-
+@_rule("logical", "BEFORE b:done COMMA? PASS targets", cost=-0.3)
 @_rule("logical", "b:done COMMA? NOTBEFORE targets", cost=-0.2)
 def _not_before(b: Steps, targets: tuple[Phrase, ...]) -> Steps:
-    """Read "go to the sink, but not before you have been to the table"."""
+    """Read "before you go to the sink, go past the oven", "... but not before you have been to the oven"."""
     return (*_go_to(targets), *b)
 
 
@@ -1849,7 +1844,7 @@ def _but(b: Steps, not_: Steps = ()) -> Steps:
 @_rule("declared", "relation+ IS _dets pre* noun post*", cost=-0.2)
 @_rule(
     "declared",
-    "ANYWHERE? (relation COMMA?)* exist:EXIST HERE? _dets (ROW OF _dets)? pre* noun (post | IT)*",
+    "ANYWHERE? (relation COMMA?)* exist:EXIST HERE? _dets (ROW OF _dets)? pre* (noun | noun:room_name) (post | IT)*",
     cost=-0.25,
 )
 @_rule("introduced", "(SEE | SEEQ) _dets (row:ROW OF _dets)? pre* noun (post | IT)*")
@@ -2093,7 +2088,10 @@ def _so_many_times(items: Steps, n: int = 0, times: int = 0) -> Steps:
 
 
 @_rule(
-    "start", "_around (a:items _around)? avoided (_around b:items)? _around", "avoided COMMA? ONWAY b:wanted", cost=0.1
+    "start",
+    "_around (a:items _around)? avoided (_around b:items)? _around",
+    "avoided COMMA? ONWAY b:wanted _around",
+    cost=0.1,
 )
 def _keeping_away(avoided: Steps, a: Steps = (), b: Steps = ()) -> Steps:
     """Read "go to the couch, but keep away from the table"."""

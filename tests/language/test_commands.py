@@ -591,6 +591,28 @@ def test_corrections_additions_and_returns_are_kept(said: str, program: str) -> 
             'table")',
         ),
         ("turn until you're looking south", "robot.turn_absolute(180)"),
+        (
+            "there are three chairs. Go to all of them but finish with the nearest.",
+            'chair = nearest(things("chair"), 3)\nfor chair_2 in order(chair, "last", nearest(chair)):\n    '
+            "robot.move_to_object(chair_2)",
+        ),
+        (
+            "if there isn't a chair near the couch, go to the table",
+            'if count(near(things("chair"), the(things("couch")))) == 0:\n    robot.move_to_object("dining table")',
+        ),
+        (
+            "are there more chairs than tables in the kitchen?",
+            'tell(count(inside(things("chair"), room("kitchen"))) > count(inside(things("dining table"), '
+            'room("kitchen"))), "whether")',
+        ),
+        (
+            "stay at least half a metre clear of the couch on your way to the table",
+            'avoid("couch", 0.5)\nrobot.move_to_object("dining table")',
+        ),
+        (
+            "there are two bedrooms. Which one has a chair?",
+            'tell(having(nearest(rooms("bedroom"), 2), "chair"), "list")',
+        ),
     ],
 )
 def test_sets_are_gone_through_in_their_order_and_less_what_is_left_out(said: str, program: str) -> None:
