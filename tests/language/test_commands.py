@@ -610,6 +610,10 @@ def test_corrections_additions_and_returns_are_kept(said: str, program: str) -> 
             'avoid("couch", 0.5)\nrobot.move_to_object("dining table")',
         ),
         (
+            "stay one metre from the couch when you go to the table",
+            'avoid("couch", 1)\nrobot.move_to_object("dining table")',
+        ),
+        (
             "there are two bedrooms. Which one has a chair?",
             'tell(having(nearest(rooms("bedroom"), 2), "chair"), "list")',
         ),
