@@ -16,7 +16,7 @@ from simaps_viz.language.orders import EVERYTHING, GRAMMAR, Choose, Do, Repeat, 
 from simaps_viz.language.primitives import FUNCTIONS, SELF
 from simaps_viz.language.program import ProgramError, parse_program
 from simaps_viz.language.tokenizer import Sentence, clauses, is_reason, is_statement, is_wish, plainly, read_words
-from simaps_viz.language.words import LACKS, Noun, Vocabulary, plain, plural, singular
+from simaps_viz.language.words import AROUND_ORDERS, LACKS, Noun, Vocabulary, plain, plural, singular
 
 MAX_LENGTH: Final = 500
 """Characters of a command."""
@@ -54,16 +54,27 @@ _ORDERED: Final = _DRIVEN | {
     "WITHOUT",
 }  # fmt: skip
 """Tokens with which orders, questions and limits begin."""
+_BINDS: Final = frozenset([
+    "IF", "IFSEE", "IFKNOWN", "IFSO", "UNLESS", "OTHERWISE", "COLOR", "SIZE", "ONE", "ONES", "ONLY", "EXCEPT", "LEFT",
+    "RIGHT", "NEAREST", "FARTHEST", "SUPER", "MORE", "ORD", "OTHER", "AVOID", "NEITHER", "WITHOUT", "HANDS", "NEVER",
+    "NUM", "IT",
+])  # fmt: skip
+"""Tokens that may say which thing is meant, or what is not to be done."""
 _SIGH: Final = re.compile(r"(?:me )?(?:, )?(?:my|our|what an?|such an?)\b")
 """How talk begins in which each word is known: "dear me, my back"."""
 _PLACING: Final = frozenset(["NEAR", "ON", "IN", "AT", "BY", "UNDER", "BEHIND", "BETWEEN", "FRONT", "OPPOSITE"])
 _JOINING: Final = frozenset({",", ";", ":", "and", "then", "so", "but", "or"})
+_JOINED: Final = re.compile(r"^\W*(?:and|but|so)\b,?(?! (?:not|no|never|none|without|only|first|do not|don)\b)")
+"""What joined an order to talk that is left out."""
+_STARTS: Final = frozenset([".", "!", "?", "because", "while", "until", "i", "we", "my"])
+"""Words besides those that join clauses before which a command may end."""
 _OPENS: Final = frozenset(["TO", "TOWARD", "NEAR", "AT", "IN", "ON", "BY", "FOR", "FROM", "AND", "THEN"])
 _DETERMINERS: Final = frozenset(["DET", "INDEF", "EVERY"])
-_NOT_LAST: Final = frozenset(
-    ("nearest", "closest", "farthest", "next", "to", "from", "of", "at", "by", "with", "than", "near", "beside")
-)
-"""Words that no command offered ends with: they announce what was cut off."""
+_BEGINS: Final = _DRIVEN | {
+    "LOOK", "SPIN", "HALT", "BACKUP", "STRAFE", "MAKE", "COUNT", "LIST", "HOWMANY", "WHERE", "WHAT", "WHICH", "HOWFAR",
+    "HOWBIG", "EXIST", "SEEQ", "SEEWHAT", "WHATCOLOR", "HOWTOGET", "WHEREAMI", "WHATALL", "FOLLOW", "IS", "IF", "UTURN",
+}  # fmt: skip
+"""Tokens with which a command that is offered begins: a whole sentence, not "so a piece of cake"."""
 _LOST: Final = frozenset(["left", "lost", "put", "forgot", "forgotten", "dropped", "misplaced"])
 _FOUND: Final = frozenset(["somebody", "someone"])
 """Who left a thing where it still is: "somebody left a cup on the table"."""
@@ -123,8 +134,11 @@ def read_command(text: str, labels: Sequence[str] | Mapping[str, int]) -> Readin
 def _ways_to_read(text: str, vocabulary: Vocabulary) -> Iterator[Callable[[], Reading]]:
     """Return what reads a text to the last word, then without asides, then by what is needed or where it is."""
     yield lambda: _understood(text, vocabulary)
+    tried = set[tuple[str, tuple[str, ...]]]()
     for aside in _without_asides(text, vocabulary):
-        yield partial(aside.rest, vocabulary)
+        if (aside.text, aside.left_out) not in tried:
+            tried.add((aside.text, aside.left_out))
+            yield partial(aside.rest, vocabulary)
     for guess in (_need, _there):
         yield partial(guess, text, vocabulary)
 
@@ -237,11 +251,16 @@ def instead(text: str, labels: Sequence[str] | Mapping[str, int]) -> tuple[str, 
     def readable(commands: Iterable[Sequence[str]]) -> Iterator[str]:
         for said in (_END.sub("", " ".join(command)) for command in commands):
             with suppress(CommandError):
-                if "search(" not in _understood(said, vocabulary).program:
+                if "search(" in _understood(said, vocabulary).program:
+                    continue
+                if any(edge.kind in _BEGINS for edge in read_words(said, vocabulary).edges[0]):
                     yield said
 
     name = " ".join(words[at:end])
-    near = [vocabulary.suggest(name) or "", ""] if name in sentence.unknown else []
+    kinds = [{edge.kind for edge in here} for here in sentence.edges]
+    # only an attribute may be left out: "the double shelf", not "how many ovens do you operate"
+    told = at and kinds[at - 1] & {*_DETERMINERS, *_TELLS, "NUM"} and kinds[end] & _TELLS
+    near = [*filter(None, [vocabulary.suggest(name)]), *([""] if told else [])] if name in sentence.unknown else []
     frequent = sorted(vocabulary.labels, key=lambda label: -(vocabulary.count(label) or 0))[:MAX_SUGGESTIONS]
     number = str if singular(name) == name else plural
     # Another thing is offered only where a thing was named: "sing me a song" is not "chair me a song".
@@ -252,7 +271,10 @@ def instead(text: str, labels: Sequence[str] | Mapping[str, int]) -> tuple[str, 
         [(*words[:at], *(number(plain(other)).split() if other else ()), *words[end:]) for other in others]
         for others in ([*near, *vocabulary.kin(name)], frequent)
     )
-    before = readable(words[:n] for n in range(at, 1, -1) if words[n - 1] not in _NOT_LAST)
+    # an order may lose where its goal is; a question would be asked of more than was meant
+    joins = {*_PLACING, "NEAREST", "FARTHEST", "WITH", "THAT"} if kinds[0] & {*_DRIVEN, "LOOK"} else frozenset[str]()
+    ends = (n for n in range(at, 1, -1) if words[n] in {*_JOINING, *_STARTS} or kinds[n] & joins)
+    before = readable(words[:n] for n in ends)
     found = [*readable(likely)] or [*islice(before, 1)] or [*readable(often if is_thing else ())]
     return tuple(dict.fromkeys(found))[:MAX_SUGGESTIONS]
 
@@ -277,7 +299,28 @@ def _understood(text: str, vocabulary: Vocabulary, named: Phrase | None = None) 
             better = read_words(text, vocabulary, correcting=True)
             if better.words != sentence.words:
                 return _read(better, vocabulary, named)
-    return _read(sentence, vocabulary, named)
+    try:
+        return _read(sentence, vocabulary, named)
+    except CommandError:
+        for opening, rest in _openings(sentence):
+            with suppress(CommandError):
+                reading = _read(read_words(rest, vocabulary), vocabulary, named)
+                return replace(reading, notes=(f'"{_in_brief(opening)}" is left out: it only opens', *reading.notes))
+        raise
+
+
+def _openings(sentence: Sentence) -> Iterator[tuple[str, str]]:
+    """Return what may only open an order or question, "I would suggest that you", and what is left."""
+    if sentence.words[0] in ("to", "of", "as", "that"):  # "she told me not | to go to the chair"
+        return
+    for at, (word, edges) in enumerate(zip(sentence.words, sentence.edges, strict=False)):
+        asked = not {"what", "how"}.isdisjoint(sentence.words[:at])  # "what do you reckon, how many", but not "what is"
+        if at and any(edge.kind in _BEGINS for edge in edges) and (not asked or sentence.words[at - 1] == ","):
+            yield " ".join(sentence.words[:at]), " ".join(sentence.words[at:])
+        if not (
+            word in AROUND_ORDERS or word in ("what", "how") or (at and word == ",") or re.fullmatch(r"\w{3,}ly", word)
+        ):
+            return
 
 
 @dataclass(frozen=True)
@@ -319,15 +362,16 @@ def _tells_apart(clause: Sentence, program: str) -> bool:
             return True
         if at and not kinds.isdisjoint(("ONE", "ONES")) and before & _BEFORE_ONE:
             return True
-        if (
-            back
-            and not kinds.isdisjoint(_TELLS)
-            and not any(isinstance(edge.value, Noun) and quoted(edge.value.label) in program for edge in here)
-        ):
+        if back and not kinds.isdisjoint(_TELLS) and not any(_is_place_or_in(edge.value, program) for edge in here):
             return True
         back |= at < 2 and clause.words[at] in ("it", "they", "that", "this", "these", "those") and "IT" in kinds
         before = kinds
     return False
+
+
+def _is_place_or_in(value: object, program: str) -> bool:
+    """Whether a noun is what somebody lacks ("it looks thirsty") or one that a program names."""
+    return isinstance(value, Noun) and (value.label.startswith("place ") or quoted(value.label) in program)
 
 
 def _without_asides(text: str, vocabulary: Vocabulary) -> Iterator[_Aside]:
@@ -352,14 +396,13 @@ def _without_asides(text: str, vocabulary: Vocabulary) -> Iterator[_Aside]:
         sentences = [read_words(clause, vocabulary) for clause in said]
         talk, stated = [], []
         for clause, sentence in zip(said, sentences, strict=True):
-            names_things = any(edge.kind in _NAMES for here in sentence.edges for edge in here)
+            names_things = _names_things(sentence)
             talk.append(is_reason(clause) or _is_talk(sentence) or (purposes and _is_purpose(sentence)))
             joined = re.match(r"\W*(?:and |but )?then\b", clause) and len(talk) > 1
             stated.append(talk[-1] or (not joined and is_statement(clause, names_things=names_things)))
         # At last what somebody wants goes, where what is to be done for it follows.
         wished = [
-            out
-            or (is_wish(clause) and not any(e.kind in _DRIVEN and e.value != "be" for here in sent.edges for e in here))
+            out or (is_wish(clause) and not _is_driven(sent))
             for out, clause, sent in zip(stated, said, sentences, strict=True)
         ]
         wished[-1] = stated[-1]
@@ -368,6 +411,11 @@ def _without_asides(text: str, vocabulary: Vocabulary) -> Iterator[_Aside]:
         less = [out or (one and not is_there) for out, one, is_there in zip(talk, stated, there, strict=True)]
         for dropped in (talk, less, stated, *(() if purposes else (wished,))):
             yield from _without(said, sentences, dropped, vocabulary)
+    said = re.split(r"(?<=[.!?])\s+", plain)
+    if len(said) > 1:  # "Who cares about the diet? Go to the oven."
+        sentences = [read_words(one, vocabulary) for one in said]
+        beside = [_is_beside_it(one, sentence, vocabulary) for one, sentence in zip(said, sentences, strict=True)]
+        yield from _without(said, sentences, beside, vocabulary)
 
 
 def _without(
@@ -381,6 +429,7 @@ def _without(
     )  # "the backpack was on the floor, near the table" is one thing told
     left = _carried(said, sentences, dropped, vocabulary) if any(dropped) and not torn else None
     if left and left.strip():
+        left = _JOINED.sub("", left)
         left_out = [at for at, out in enumerate(dropped) if out and sentences[at].words]
         brief = tuple(said[at].strip(" ,.;:!") for at in left_out)
         clauses_out = tuple(sentences[at] for at in left_out)
@@ -392,12 +441,40 @@ def _is_told(said: str, sentence: Sentence) -> bool:
     """Whether a whole sentence only tells something: no part of it begins as an order, a question or a limit does."""
     if said.rstrip().endswith("?") or not sentence.words:
         return False
-    names_things = any(edge.kind in _NAMES for here in sentence.edges for edge in here)
+    names_things = _names_things(sentence)
     stated = is_statement(said, names_things=names_things)
     starts = [at + 1 for at, word in enumerate(sentence.words[:-1]) if word in _JOINING]
     opens = {edge.kind for at in (*starts, *([] if stated else [0])) for edge in sentence.edges[at]}
     talk = _is_talk(sentence) or (not names_things and _SIGH.match(" ".join(sentence.words)))
     return opens.isdisjoint(_ORDERED) and bool(talk or stated)
+
+
+def _is_driven(sentence: Sentence) -> bool:
+    """Whether a sentence speaks of driving somewhere: not "I want to pass"."""
+    kinds = {edge.kind for here in sentence.edges for edge in here if edge.kind not in ("STOP", "COMMA", "WORD", "TO")}
+    driven = any(edge.kind in _DRIVEN and edge.value != "be" for here in sentence.edges for edge in here)
+    return driven and not kinds <= _DRIVEN
+
+
+def _is_beside_it(said: str, sentence: Sentence, vocabulary: Vocabulary) -> bool:
+    """Whether a whole sentence has nothing of an order, a limit or what is on the map, and cannot be read."""
+    opens = {edge.kind for edge in sentence.edges[0]}
+    kinds = {edge.kind for here in sentence.edges for edge in here}
+    asked = "EXIST" in opens and sentence.words[0] != "have"  # "is there a piano?", but not "have you eaten?"
+    if not sentence.words or _names_things(sentence) or asked or opens & _ORDERED or kinds & _BINDS:
+        return False
+    if not (said.rstrip().endswith("?") or is_statement(said, names_things=False)):  # "juggle three times."
+        return False
+    try:
+        return "search(" in _understood(said, vocabulary).program
+    except CommandError:
+        return True
+
+
+def _names_things(sentence: Sentence) -> bool:
+    """Whether a sentence names a room, or a thing that may be on the map."""
+    named = (edge for here in sentence.edges for edge in here if edge.kind in _NAMES)
+    return any(not isinstance(edge.value, Noun) or edge.value.known for edge in named)
 
 
 def _carried(
@@ -431,7 +508,8 @@ def _named_in(sentence: Sentence) -> Iterator[tuple[str, str, bool]]:
         kinds = {edge.kind for edge in edges}
         if at <= noun_at or kinds.isdisjoint(("NOUN", "THAT", "ONE", *_DETERMINERS)):
             continue
-        ends = [one for one in chart.parse("thing", at) if ALL.search(one.value.base) and not one.value.many]
+        found = (one for one in chart.parse("thing", at) if "search(" not in one.value.text)
+        ends = [one for one in found if ALL.search(one.value.base) and not one.value.many]
         if ends:
             one = max(ends, key=lambda one: one.end)
             nouns = (i for i in range(at, one.end) if any(edge.kind == "NOUN" for edge in sentence.edges[i]))
@@ -464,11 +542,13 @@ def _first_named(sentence: Sentence) -> Phrase | None:
     chart = Chart(GRAMMAR, sentence.edges)
     lost = not _LOST.isdisjoint(sentence.words) and _FOUND.isdisjoint(sentence.words)
     for at in range(len(sentence.words)):
-        found = [one.value for one in chart.parse("thing", at) if "‹" not in one.value.text]
+        found = [one.value for name in ("thing", "room") for one in chart.parse(name, at)]
         found = [
             one
             for one in found
-            if not re.search(r"\b(?:search|only)\(", one.text) and one.base != EVERYTHING.base and one.word != "thing"
+            if not re.search(r"‹|\b(?:search|only)\(|\brooms?\(\)", one.text)
+            and one.base != EVERYTHING.base
+            and one.word != "thing"
         ]
         if found:
             return found[-1 if lost else 0]

@@ -24,12 +24,14 @@ from simaps_viz.language.words import (
     PHRASES,
     PLACES,
     SPELLED,
+    VERBS,
     WISHES,
     Vocabulary,
     correct,
     load_text,
     read_number,
     read_rank,
+    third_person,
     written_out,
 )
 
@@ -40,7 +42,7 @@ _PAST: Final = {
     "moved": "move", "rolled": "roll", "headed": "head", "stopped": "stop", "turned": "turn", "looked": "look",
     "waited": "wait", "parked": "park", "showed": "show", "walked": "walk", "faced": "face", "visited": "visit",
 }  # fmt: skip
-_WISHED: Final = re.compile(rf"\bif you (?:{_SOFTLY})({'|'.join(_PAST)})\b")
+_WISHED: Final = re.compile(rf"\b(if|rather|sooner|time|wish) you (?:{_SOFTLY})({'|'.join(_PAST)})\b")
 """What is wished for in the past tense: "I would be glad if you went"."""
 _IS: Final = re.compile(r"\b(that|it|there|what|where|here|which|who|how)['’]s\b")
 _SHORT: Final = re.compile(r"\b(i|you|we|they|he|she|it|that|there|who|what|where|this)['’](m|d|re|ve|ll)\b")
@@ -57,7 +59,9 @@ _WORD: Final = re.compile(r"[a-z]+(?:['’][a-z]+)?")
 _ENDS: Final = re.compile(
     r"(?:(?<!\d)[.,]|[.,](?!\d)|[;:!?])+(?!\s+the ones? (?:that|which|with|on|in|at|by|near|next|under|behind)\b)"
     r"|\s(?=(?:because|cause|cos|so(?! (?:that (?:it|the|you)|far|much|many))|"
-    r"(?:until|till|while|whilst|before|after|in case|when)(?= (?:i|we|he|she|they|my \w+) (?!am\b|are\b)\w+))\b)"
+    r"(?:until|till|while|whilst|before|after|in case|when)(?= (?:i|we|he|she|they|my \w+) (?!am\b|are\b)\w+)|"
+    r"(?:and|but|for|though|although|as|since)(?= (?:i|he|she|they|somebody|someone|nobody|people|(?:my|our) \w+) \w+)"
+    r")\b)"
 )
 """Where a clause ends; the second kind of end takes no letter."""
 _PURPOSE: Final = re.compile(
@@ -67,29 +71,45 @@ _PURPOSE: Final = re.compile(
 _NOT: Final = r"\w+n['’]t|(?:do|does|did|is|are|was|were|ca|wo|could|would|should|has|have|had)nt"
 """A verb that is negated, with its apostrophe or without: not "plant", "want"."""
 _SUBJECT: Final = (
-    r"he|she|they|it|this|that|there|here|some(?:body|one|thing)|every(?:body|one)|people|my|our|his|her|their|the|"
-    r"an?|some|these|those|all|your eyes|you (?:are|were|have been|look|seem)"
+    r"he|she|they|it|this|that|there|here|some(?:body|one|thing)|every(?:body|one|thing)|nobody|no one|people|mine|"
+    r"ours|my|our|his|her|their|its|the|an?|some|these|those|all|no|both|many|most|two|three|four|your eyes"
 )
 _PAST_VERBS: Final = (
     r"said|told|left|lost|came|went|forgot|put|fell|hid|sat|slept|stood|took|threw|bought|brought|broke|thought|knew|"
-    r"met|made|saw|gave|got|found|kept|ate|drank|wrote|ran|hung|meant|sold|spilt|\w{2,}ed"
+    r"met|made|saw|gave|got|found|kept|ate|drank|wrote|ran|built|lent|spent|felt|heard|won|paid|hung|meant|sold|spilt|"
+    r"\w{2,}ed"
+)
+_NO_SUBJECTS: Final = {
+    *(words[0] for words in PHRASES if len(words) == 1 and words[0].isalpha()), *ORDINALS, *NUMBERS,
+    "let", "did", "had", "may", "might",
+}  # fmt: skip
+"""Words that open a clause and are no name of somebody: "mum says" is told, and "first comes the fridge" is not."""
+_NOW: Final = rf"(?:{'|'.join(sorted(third_person(verb) for verb in VERBS))})"
+_FINITE_VERB: Final = (
+    r"(?:is|are|was|were|am|has|have|had|been|will|can|could|would|may|might|did|does|do|ought|"
+    rf"{_NOT}|{_NOW}|{_PAST_VERBS})\b"
 )
 _STATEMENT: Final = re.compile(
-    r"^\W*(?:(?:and|but|so|well|oh|now|then|look|see|right|as|since|honestly|you know)\s+)*(?:"
+    r"^\W*(?:(?:and|but|so|well|oh|now|then|look|see|right|as|since|for|though|although|honestly|you know)\s+)*(?:"
     r"(?:i|we)\s+(?:\w+ly\s+|just\s+|also\s+)*"
     r"(?!want|need|would|like|wish|should|must|mean|meant|can\b(?!['’]t|not)|could\b(?!n['’]?t| not)|go\b|visit|see\b|"
     r"(?:am|are) (?:looking|searching|after))\w+"
-    rf"|(?:{_SUBJECT})\b.*\b(?:is|are|was|were|am|has|have|had|been|wants?|needs?|looks?|seems?|smells?|says|hurts?|"
-    rf"aches?|feels?|will|can|could|did|does|{_NOT}|{_PAST_VERBS})\b"
-    r"|(?:\w+ ){1,3}(?:is|are|was|were) (?:\w+ )?\w{2,}ing\b"
-    r"|(?:my|our|his|her) \w+ \w+s\b|(?:he|she|it) \w+s\b|\w+s (?:are|were|have)\b|.*\bwrong (?:way|direction|side)\b"
-    r"|(?:here is|there is) .*)"
+    rf"|(?:{_SUBJECT})\b(?:.*\b(?:is|are|was|were|am|has|have|had|been|will|can|could|did|does|{_NOT}|{_PAST_VERBS}|"
+    r"wants?|needs?|looks?|seems?|smells?|says|hurts?|aches?|feels?)\b"
+    rf"|(?:[ -](?!that\b|which\b|who\b|whose\b|where\b)[\w'’]+){{0,4}} {_NOW}\b"
+    rf"|(?: \w+){{0,3}} (?:\w+s|people|children|they) (?:{'|'.join(sorted(VERBS))})\b)"
+    rf"|(?:\w+ ){{1,3}}(?:is|are|was|were) (?:\w+ )?\w{{2,}}ing\b"
+    rf"|(?!(?:{'|'.join(sorted(_NO_SUBJECTS))})\b)[\w'’]+(?: [\w'’]+){{0,2}} {_FINITE_VERB}"
+    r"|(?:my|our|his|her) \w+ \w+s\b|(?:he|she|it) \w+s\b|they (?!should|must)\w+|\w+s (?:are|were|have)\b"
+    r"|you (?:are|were|have(?! to\b)|look|seem|did|had)\b"
+    r"|(?:i|we) (?:would|could) \w+ (?:it |that |there )?(?:myself|ourselves)\b"
+    r"|.*\bwrong (?:way|direction|side)\b|(?:here is|there is) .*)"
 )
 """A clause that says how things are."""
 _REASON: Final = re.compile(
     r"^\W*(?:so(?: that)?|because|cause|cos|as|since|until|till|while|whilst|before|after|in case|when)"
     r"\s+(?:i|we|he|she|they|my|our|his|her|people|somebody|someone)\b"
-    r"(?!\s+(?:want|need|would like)\b)"
+    r"(?!\s+(?:want|need|would like)\b)|^\W*(?:because|cause|cos)\b(?! (?:i|we) (?:want|need|would like)\b)"
     r"|^\W*(?:i|we) (?:want|need|would like|have) to (?:see|check|inspect) "
     r"(?:which ones|whether|if|how (?!many|much|far))\b"
 )
@@ -100,10 +120,17 @@ _WISH: Final = re.compile(
     r"(?:wants?|needs?|would (?:like|love)|should|must|ha(?:s|ve) to|(?:am|are|is) (?:dying|longing|starving))\b)"
 )
 """A clause that says what somebody wants, or what has to be done."""
+_KEPT_TO: Final = r"(?:(?:and|but|so|then|please|you|we|i|to) |^\W*)(?:keep|stay)"
+_TOLD_OFF: Final = (
+    r"(?:\b(?:not|never|no)\b|n['’]?t\b).*\byou\b|"
+    r"\b(?:you|said|says|told|asked|warned)\b.*(?:\b(?:not|never|no)\b|n['’]?t\b)"
+)
+"""What somebody does not want of the robot."""
 _LIMITS: Final = re.compile(
     r"\b(?:not|no|never|none|nothing|without|only|except|but|avoid|unless|if|when|rather|instead|until|before|after|"
-    rf"must|should|ought|(?:has|have|had|needs?|wants?|supposed|got) to|other|ones?|cannot|keep|stay|{_NOT}|how|whether"
-    r")\b|\?|\b(?:i am|we are) (?:\w+ing )?(?:right |just |over )?(?:at|in|on|by|near|next|under|behind|beside)\b"
+    rf"must|should|ought|(?:has|have|had|needs?|wants?|supposed|got) to|other|ones?|cannot|{_KEPT_TO}|{_NOT}|how|"
+    r"whether|(?:is|are|comes?|goes?) (?:first|next|last))\b|\?|"
+    r"\b(?:i am|we are) (?:\w+ing )?(?:right |just |over )?(?:at|in|on|by|near|next|under|behind|beside)\b"
 )
 """Words that say what is to be done, or not to be, also in a statement."""
 
@@ -113,9 +140,20 @@ _PAST_TOLD: Final = re.compile(
 )
 """What is told of a time before limits less: "my wife was not in when I came to the kitchen"."""
 _LIMITS_NOW: Final = re.compile(
+    rf"{_KEPT_TO}|"
     r"\b(?:must|should|ought|may not|(?:has|have|needs?|wants?|supposed|got) to|only|except|rather|instead|avoid|other|"
-    r"(?:not|never) to|forb\w+|allowed|banned|keep|stay|cannot|(?:do|does|is|are|ca|wo|must)(?: not|n['’]?t))\b|\?|"
-    r"(?:\b(?:not|never|no)\b|n['’]t).*\byou\b|\b(?:you|said|says|told|asked|warned)\b.*(?:\b(?:not|never|no)\b|n['’]t)"
+    rf"(?:not|never) to|forb\w+|allowed|banned|cannot|(?:do|does|is|are|ca|wo|must)(?: not|n['’]?t))\b|\?|"
+    rf"{_TOLD_OFF}"
+)
+_BY_OTHERS: Final = re.compile(
+    r"\W*(?:(?:and|but|so|well|oh|since|for|though|although) )*"
+    r"(?!(?:i|we|you|it|they|this|that|these|those|there|here|n?either|nothing|the other)\b)"
+)
+"""How a clause begins whose subject is named, and neither who speaks nor what was spoken of."""
+_LIMITS_OTHERS: Final = re.compile(
+    rf"{_KEPT_TO}|\b(?:(?:must|should|ought|shall|may)(?: never| ?not|n['’]?t)|"
+    r"(?:nobody|no one|no \w+) (?:must|should|may|can|is)|only|except|rather|instead|avoid\w*|other|ones?|"
+    rf"(?:not|never) to|forb\w+|allowed|banned|if|unless|(?:needs?|wants?|has|have) to be)\b|\?|{_TOLD_OFF}"
 )
 _MISSED: Final = re.compile(r"\b(?:can|could)(?:not|n?['’]?t| not) (?:find|see|locate|spot|remember)\b")
 """Of a statement that says what somebody does not find: no limit on what is to be done."""
@@ -145,7 +183,7 @@ def _rewordings() -> Iterator[tuple[re.Pattern[str], str, bool]]:
     for line in load_text("rewordings.txt").replace("\n    ", "").splitlines():
         if line.startswith("%") and " = " in line:
             name, _, pattern = line[1:].partition(" = ")
-            names[name] = pattern
+            names[name] = _NAME.sub(lambda found: names[found[1]], pattern)
         elif line and not line.startswith("#"):
             pattern, _, instead = _NAME.sub(lambda found: names[found[1]], line).partition(" =>")
             guarded = pattern.startswith("?")
@@ -157,13 +195,14 @@ _REWORDINGS: Final = tuple(_rewordings())
 
 def plainly(text: str) -> str:
     """Return what was said in lower case and spelled out, without the politeness around it."""
-    said = _IS.sub(r"\1 is", re.sub(r"\blet['’]s\b", "let us", text.lower()))
+    said = re.sub(r"\bu[- ]turn", "uturn", re.sub(r"\blet['’]s\b", "let us", text.lower()))
+    said = _IS.sub(r"\1 is", said)
     said = re.sub(r"\b(the|an?|my|our|to|at|by)\s*\.{2,}", r"\1 …", said)
     said = re.sub(r"\b(?:might|may|could|would) be(?=\W*$)", "is", said)
     said = re.sub(r"\s[-–—]+\s", ", ", re.sub(r"\s*(?:[-=]*>|→)\s*", ", then ", said))
     said = written_out(_SHORT.sub(r"\1 \2", said))
     said = _WORD.sub(lambda found: SPELLED.get(found[0].replace("’", "'"), found[0]), said)
-    said = _WISHED.sub(lambda found: f"if you would {_PAST[found[1]]}", said)
+    said = _WISHED.sub(lambda found: f"{found[1]} you would {_PAST[found[2]]}", said)
     said = _YOURSELF.sub(lambda found: found[0] if (found[1],) in _KNOWN else "go", said)
     for pattern, instead, guarded in _REWORDINGS:
         said = _left_out(pattern, said, instead) if guarded else pattern.sub(instead, said)
@@ -199,7 +238,8 @@ def is_wish(clause: str) -> bool:
 
 def is_statement(clause: str, *, names_things: bool) -> bool:
     """Whether a clause says how things are, and nothing about what is to be done."""
-    limits = _LIMITS_NOW if _PAST_TOLD.match(clause) else _LIMITS
+    others = _LIMITS_OTHERS if _BY_OTHERS.match(clause) else _LIMITS
+    limits = _LIMITS_NOW if _PAST_TOLD.match(clause) else others
     limited = _WANTED.search(clause) or (names_things and limits.search(_MISSED.sub("", clause)))
     return _STATEMENT.match(clause) is not None and not limited
 

@@ -169,6 +169,10 @@ SINGULAR: Final[dict[str, str]] = _WORDS["singular"]
 """Irregular plurals, and words that only look like plurals."""
 SPELLED: Final[dict[str, str]] = _WORDS["spelled"]
 """How words are written that are spelled as they are spoken or typed in haste."""
+VERBS: Final = frozenset(_WORDS["verbs"])
+"""What people and things do, as told around an order: "my uncle sits there", "it leaks"."""
+AROUND_ORDERS: Final = frozenset(_WORDS["around_orders"])
+"""Words of which what opens an order or question is made: "I would suggest that you", "let me see you"."""
 NO_NAMES: Final = frozenset(_WORDS["no_names"])
 """Words that no thing is called."""
 EVERYDAY: Final = frozenset(_WORDS["everyday"]).union(*PHRASES)
@@ -307,6 +311,13 @@ def _singular_word(word: str) -> str:
     if len(word) > 2 and word.endswith("s") and not word.endswith(("ss", "us")):
         return word[:-1]
     return word
+
+
+def third_person(verb: str) -> str:
+    """Return what a verb is called where one does it: "sit" -> "sits", "carry" -> "carries"."""
+    if re.search(r"(?:ch|sh|s|x|z|o)$", verb):
+        return f"{verb}es"
+    return f"{verb[:-1]}ies" if re.search(r"[^aeiou]y$", verb) else f"{verb}s"
 
 
 def plural(phrase: str) -> str:

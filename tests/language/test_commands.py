@@ -248,6 +248,10 @@ def test_words_not_understood_are_named_with_examples_that_work(simap, said: str
             "sing me a song",  # no thing is named: not "chair me a song"
             ("go to the chair", "go to the chair nearest the dining table", "turn right, then go forward 1 m"),
         ),
+        (
+            "how many chairs do you zorgle",  # not "how many chairs do you"
+            ("go to the chair", "go to the chair nearest the dining table", "turn right, then go forward 1 m"),
+        ),
         ("go to the 9th chair", ()),  # is said otherwise
     ],
 )
@@ -630,6 +634,14 @@ def test_sets_are_gone_through_in_their_order_and_less_what_is_left_out(said: st
         ("Whoop whoop! Go to the sofa.", "whoop whoop"),
         ("My feet ache, so take me to the sofa.", "my feet ache"),
         ("Go to the couch so I can read the paper", "so i can read the paper"),
+        # whoever does it, and whatever is unknown in it
+        ("Nobody listens to me. Go to the couch.", "nobody listens to me"),
+        ("Mum says dinner never comes. Go to the couch.", "mum says dinner never comes"),
+        ("Go to the couch because the kids keep fiddling with it", "because the kids keep fiddling with it"),
+        ("I'd go myself but my knee hurts. Go to the couch.", "i would go myself but my knee hurts"),
+        ("I know you're busy, but go to the couch", "i know you are busy"),
+        ("Go to the couch, the lady wants to pass.", "i want to pass"),
+        ("Who cares about the diet? Go to the couch.", "who cares about the diet?"),
     ],
 )
 def test_talk_around_an_order_is_left_out_with_a_note(said: str, left_out: str) -> None:
@@ -638,12 +650,74 @@ def test_talk_around_an_order_is_left_out_with_a_note(said: str, left_out: str) 
     assert f'"{left_out}" is left out: it names nothing to do' in reading.notes
 
 
+@pytest.mark.parametrize(
+    "said",
+    [
+        "I'd suggest you go to the couch",
+        "let me see you drive to the couch",
+        "it is time for you to visit the couch",
+        "what do you reckon, go to the couch",
+    ],
+)
+def test_what_only_opens_an_order_is_left_out(said: str) -> None:
+    assert read_command(said, LABELS).program == 'robot.move_to_object("couch")'
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        "what is the best time to go to the couch?",
+        "did you go to the couch?",
+        "I see no point in visiting the couch",
+        "sing me a song. Go to the couch.",
+    ],
+)
+def test_what_opens_a_sentence_and_says_more_is_not_left_out(said: str) -> None:
+    with pytest.raises(CommandError):
+        read_command(said, LABELS)
+
+
+@pytest.mark.parametrize(
+    ("said", "like"),
+    [
+        ("How many chairs do you know of?", "how many chairs are there"),
+        ("How many chairs are there in the whole of the flat, all told?", "how many chairs are there"),
+        ("What would be the number of chairs?", "how many chairs are there"),
+        ("Tell me if there's a couch.", "is there a couch"),
+        ("Does a couch exist here?", "is there a couch"),
+        ("Do you know of a couch?", "is there a couch"),
+        ("Where the heck is the couch supposed to be?", "where is the couch"),
+        ("I have no idea where the couch is, do you?", "where is the couch"),
+        ("In what part of the house is the couch?", "where is the couch"),
+        ("The couch is in which room?", "in which room is the couch"),
+        ("Which of the chairs is bigger than all the others?", "which of the chairs is the biggest"),
+        ("Tell me the couch's colour.", "what is the colour of the couch"),
+        ("You're needed at the couch.", "go to the couch"),
+        ("Let the couch be your goal.", "go to the couch"),
+        ("Don't stop until you reach the couch.", "go to the couch"),
+        ("I'd rather you went to the couch at your earliest convenience.", "go to the couch"),
+        ("Couch it is!", "go to the couch"),
+        ("Go to the couch and wait for me there.", "go to the couch"),
+        ("Have a little drive around the couch.", "drive around the couch"),
+        ("Move back by 50 cm.", "back up 50 cm"),
+        ("Roll on a metre.", "go forward a metre"),
+        ("Turn through 40 degrees to the left.", "turn 40 degrees to the left"),
+        ("Make a U-turn.", "turn around"),
+        ("Your heading should be north.", "face north"),
+    ],
+)
+def test_the_same_said_in_other_words(said: str, like: str) -> None:
+    assert read_command(said, LABELS).program == read_command(like, LABELS).program
+
+
 def test_it_is_what_somebody_told_of_before() -> None:
     """Only words that end in a contracted "not" limit what follows: neither "plant" nor "want" does."""
     reading = read_command("The plant looks thirsty, go and stand next to it.", LABELS)
     assert reading.program == 'plant = nearest(things("potted plant"))\nrobot.move_to_object(plant)'
+    reading = read_command("The kitchen is a mess, go there now!", LABELS)
+    assert reading.program == 'kitchen = room("kitchen")\nrobot.move_to_object(kitchen)'
     with pytest.raises(CommandError):
-        read_command("The plant isn't thirsty, go and stand next to it.", LABELS)
+        read_command("It isn't the plant that is thirsty, go and stand next to it.", LABELS)
 
 
 @pytest.mark.parametrize(
