@@ -78,13 +78,13 @@ def test_the_evidence_colours_the_cells(bench, page):
 
 def test_a_merge_step_outlines_both_sides(bench, page):
     choose_chair_1(bench, page)
-    step = page.get_by_role("button", name="Step 1: 32 and 32 cells, 25.0 %, weakest")
+    step = page.get_by_role("button", name="Step 1 of 1: 32 and 32 cells, 25.0 %, weakest")
     step.hover()
     until(page, lambda: shows(bench, page, (1.05, 1.925), TARGET) and shows(bench, page, (1.45, 1.925), SOURCE))
     page.mouse.move(5, 5)
     until(page, lambda: not shows(bench, page, (1.45, 1.925), SOURCE))
     step.click()
-    expect(page.get_by_text("Step 1 of 1")).to_be_visible()
+    expect(page.get_by_text("Step 1 of 1", exact=True)).to_be_visible()
     expect(page.get_by_text("25.0 % of the part that joined neighbours the other.")).to_be_attached()
     until(page, lambda: shows(bench, page, (1.05, 1.925), TARGET))
     until(page, lambda: shows(bench, page, (1.45, 1.925), SOURCE))
@@ -147,7 +147,7 @@ def test_the_recording_is_sent_to_the_step_and_a_click_in_it_selects(browser, tm
         assert bench.recording_host is not None
         pushed = bench.recording_host.listen(mine(bench).token)
         choose_chair_1(bench, page)
-        page.get_by_role("button", name="Step 1: 32 and 32 cells, 25.0 %, weakest").click()
+        page.get_by_role("button", name="Step 1 of 1: 32 and 32 cells, 25.0 %, weakest").click()
         assert pushed.get(timeout=60.0) == {"set_time": {"timeline": "merge", "time": 1}}
         frame = rerun_frame(page)
         chair = toy_map().by_id(CHAIR_4)

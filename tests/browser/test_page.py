@@ -245,7 +245,7 @@ def test_an_object_is_found_by_its_name_and_number(bench, page):
     camera, middle = session.client.camera, pytest.approx(third.centroid_m[:2], abs=0.2)
     until(page, lambda: camera.position[2] < 0.8 * far and camera.look_at[:2] == middle)
     page.wait_for_timeout(PAUSE_MS)
-    for typed, said in (("chair 2", "There is no chair 2."), ("piano", "There is no piano on this map.")):
+    for typed, said in (("chair 2", "There is no chair 2."), ("piano", "No class of this map is called piano.")):
         box.fill(f"{typed}\n")
         expect(page.get_by_text(said)).to_be_visible()
         page.wait_for_timeout(PAUSE_MS)

@@ -262,7 +262,10 @@ def test_specks_are_faint_and_not_counted_by_thresholds_that_a_person_moves(monk
         assert {one.id for one in chairs} < specks_on(session)
         assert "one of 2, and 1 speck" in facts_html(session.simap, chairs[0], {chairs[0].id})
         assert "one of 3 specks" in facts_html(session.simap, chairs[0], specks_on(session))
-        assert session.panels[CommandPanel]._of_them_specks([one.id for one in chairs]) == "The 3 are 0, and 3 specks."
+        assert (
+            session.panels[CommandPanel]._of_them_specks([one.id for one in chairs])
+            == "Of these 3 the legend counts 3 as specks."
+        )
         session.panels[FindBox]._box.value = "chair"
         session.panels[FindBox]._typed()
         assert "chair: 3 specks. Enter" in session.panels[FindBox]._status.content

@@ -94,6 +94,9 @@ def test_why_this_one_is_said_with_the_distances_of_the_others():
         f"Chair 1 is the chair nearest to the couch: {near:.2f} m from it; the next, chair 4, is at {far:.2f} m."
     )
     assert " of 3 from the left, as the robot looks (to the east), " in why("go to the leftmost chair")
+    assert why("go to the second chair from the west near the dining table") == (
+        f"Chair 4 is the second of 2 that fit from the west, {three:.2f} m from where the command was given."
+    )
     assert why("visit all chairs") == "All 3 chairs on this map are meant."
 
 
@@ -117,6 +120,25 @@ def test_a_stop_on_the_far_side_has_its_reason():
         name = simap.of_class("counter")[0].name
         assert beyond_text(simap, said).startswith(f"It stops on the far side of {name}: nowhere on the near") == beyond
         assert beyond_text(simap, answer(simap, "go to the north side of the counter", start)) == ""  # as it was asked
+
+
+def test_a_stop_far_from_the_thing_has_its_reason():
+    ring = [("cabinet", x, y, x + w, y + d, 1.0) for x, y, w, d in RING]
+    for more, far in (([], False), (ring, True)):
+        simap = furnished_map(
+            {"size_m": (8.0, 8.0), "walls": [], "things": [("plant", 3.7, 3.7, 4.3, 4.3, 1.0), *more]}
+        )
+        said = answer(simap, "go to the plant", Pose2.from_heading(4.0, 1.0, 0.0))
+        name = simap.of_class("plant")[0].name
+        away_m = 3.7 - said.final_pose.y_m
+        text = beyond_text(simap, said)
+        assert said.status == "ok" and (away_m > 1.0) == far
+        assert (abs(float(text.split()[2]) - away_m) < 0.1 and text.endswith("there room for it.")) if far else not text
+        assert not far or name in text
+
+
+RING = [(2.7, 2.7, 2.6, 0.4), (2.7, 4.9, 2.6, 0.4), (2.7, 3.1, 0.4, 1.8), (4.9, 3.1, 0.4, 1.8)]
+"""West, south, width and depth of cabinets all around a plant."""
 
 
 def test_what_another_class_was_looked_up_by_is_not_taken_for_the_reason():
@@ -276,6 +298,14 @@ def test_a_program_that_gets_stuck_marks_the_line():
         until(lambda: [past.status for past in mine(bench).panels[CommandPanel]._past] == ["failed"])
 
 
+def test_the_reason_stays_where_the_robot_comes_back_afterwards():
+    with toy_workbench(real_services()) as bench, fake_page(bench):
+        mine(bench).panels[CommandPanel]._drive.speed = 8.0
+        mine(bench).panels[CommandPanel].ask("go to the second chair and then back to the start")
+        until(lambda: "Done" in shown(bench))
+        assert "is the second closest to where the command was given" in shown(bench)
+
+
 def test_specks_among_the_candidates_are_counted_apart_as_on_the_map():
     with toy_workbench(real_services()) as bench, fake_page(bench):
         session, panel = mine(bench), mine(bench).panels[CommandPanel]
@@ -286,7 +316,7 @@ def test_specks_among_the_candidates_are_counted_apart_as_on_the_map():
             panel.ask("go to the leftmost chair")
             until(lambda: "Done" in shown(bench))
             assert bench.wait_idle() and bool(faint) == said
-            assert (f"The 3 are {3 - faint}, and {faint} speck" in shown(bench)) == said
+            assert (f"Of these 3 the legend counts {faint} as " in shown(bench)) == said
 
 
 def test_marks_of_an_answer_end_as_the_next_command_is_typed_and_as_another_thing_is_selected():

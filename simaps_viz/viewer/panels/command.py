@@ -61,10 +61,8 @@ _MAX_LISTED = 4
 _CHOOSERS = [*FUNCTIONS, *(name for name, primitive in PRIMITIVES.items() if primitive.kind == "lookup")]
 _CHOOSES = re.compile(rf"\b(?:{'|'.join(_CHOOSERS)})\(")
 """Calls with which a program chooses otherwise than by name and rank."""
-_FROM_A_SIDE = re.compile(
-    rf'robot\.\w+\((?:nth|first)\(order\(things\("[^"]*"\), "({"|".join(SIDES)})"\)(?:, (\d+))?\)'
-)
-"""A call that names its object by a rank from a side; the first one without its rank."""
+_FROM_A_SIDE = re.compile(rf'robot\.\w+\((?:nth|first)\(order\(.*, "({"|".join(SIDES)})"\)(?:, (\d+))?\)')
+"""A call that names its object by a rank from a side, of its class or of some of it; the first one without its rank."""
 
 
 def why_text(answer: Answer, candidates: Sequence[Candidate], pose: Pose2) -> str:
@@ -99,9 +97,11 @@ def why_text(answer: Answer, candidates: Sequence[Candidate], pose: Pose2) -> st
         words = next((goal.words for goal in answer.goals if goal.words), "")
         side, away = from_side[1] if from_side else "", f"{one.distance_m:.2f} m from where the command was given."
         sees = f", as the robot looks (to the {pose.looks})" if side in ("left", "right") else ""
+        # Of some, such as those in a room, "the third of 5 that fit".
+        fit = "" if not side or f'order(things("{label}"), ' in from_side[0] else " that fit"
         order = f"from the {side}{sees}" if side else "in the order that was asked for"
         place = f"the {words}, of {plural(len(candidates), label)}; it is" if words and not side else ""
-        counted = f"{_cap(name)} is {place or f'the {nth} of {len(candidates)} {order},'} {away}"
+        counted = f"{_cap(name)} is {place or f'the {nth} of {len(candidates)}{fit} {order},'} {away}"
         return " ".join([counted, *([] if side or words else _choice(answer))])
     nth = _NTH[one.rank] if one.rank < len(_NTH) else f"{one.rank}th "
     closest = f"the {nth}closest to"
@@ -114,16 +114,18 @@ def why_text(answer: Answer, candidates: Sequence[Candidate], pose: Pose2) -> st
 
 
 def beyond_text(simap: SIMap, answer: Answer) -> str:
-    """Explain why the robot stops on the far side of the thing that it is sent to; empty where it does not."""
+    """Explain why the robot stops far from the thing that it is sent to or on its far side; empty where it does not."""
     goal = answer.goals[0] if len(answer.goals) == 1 and len(answer.path_m) > 1 else None
     if goal is None or goal.primitive not in ("move_to_object", "move_to_nth_closest") or not goal.instance:
         return ""
     start, stop = answer.path_m[0], answer.path_m[-1]
     steps = 2 + int(2.0 * np.hypot(*(stop - start)) / simap.spec.cell_size_m)
     passed = {one.id for x, y in np.linspace(start, stop, steps) if (one := simap.at(float(x), float(y))) is not None}
-    if goal.instance not in passed:
-        return ""
     name = simap.by_id(goal.instance).name
+    if goal.instance not in passed:
+        cells = simap.spec.centres_of(*np.nonzero(simap.instance == goal.instance))
+        away_m = np.hypot(*(cells - stop).T).min() if len(cells) else 0.0
+        return f"It stops {away_m:.1f} m from {name}: nowhere nearer is there room for it." if away_m > FAR_M else ""
     return f"It stops on the far side of {name}: nowhere on the near side is there room to get as close."
 
 
@@ -280,6 +282,8 @@ def _box(title: str, text: str, paper: str) -> str:
 
 PLACE_HINT = "Set position and heading by two clicks on the map, or put the robot back where it started."
 MIN_HEIGHT_M = 0.1
+FAR_M = 1.0
+"""A stop farther from the edge of the thing it is about has its reason said."""
 HEIGHT_HINT = (
     "The robot's: a robot of 0.3 m drives under tables, one of 1.2 m does not. Counts from the next command on."
 )
@@ -792,7 +796,7 @@ class CommandPanel(Panel):
             counted = self._of_them_specks(told) if type(value) is int and value == len(told) else ""
             return goal_labels(simap, answer.goals) or answer_labels(simap, told), tuple(filter(None, [counted]))
         labels = {goal.label for goal in answer.goals if goal.label}
-        mixed = any(goal.other_label or not goal.label for goal in answer.goals)
+        mixed = any(goal.other_label for goal in answer.goals) or not answer.goals[:1] or not answer.goals[0].label
         if self._services.candidates is None or mixed or len(labels) != 1:
             return goal_labels(simap, answer.goals), ()
         candidates = in_asked_order(answer, self._services.candidates(simap, labels.pop(), self._page.pose))
@@ -804,7 +808,9 @@ class CommandPanel(Panel):
     def _of_them_specks(self, ids: Collection[int]) -> str:
         """Return words for how many of several objects the legend counts as specks; empty where none is one."""
         faint = len(specks_on(self._page) & set(ids))
-        return f"The {len(ids)} are {len(ids) - faint}, and {plural(faint, 'speck')}." if faint and len(ids) > 1 else ""
+        if not faint or len(ids) == 1:
+            return ""
+        return f"Of these {len(ids)} the legend counts {faint} as {'specks' if faint > 1 else 'a speck'}."
 
     def _moved(self, pose: Pose2, share: float, leg: int) -> None:
         self._page.pose = pose

@@ -87,7 +87,7 @@ def _class_of(simap: SIMap, name: str) -> str:
         raise NotFound(f"Several classes fit: {', '.join(fitting[:6])}.")
     near = difflib.get_close_matches(name, known, n=1)
     more = f" Did you mean {known[near[0]]}?" if near else ""
-    raise NotFound(f"There is no {name} on this map.{more}")
+    raise NotFound(f"No class of this map is called {name}.{more}")
 
 
 def is_command(simap: SIMap, text: str) -> bool:

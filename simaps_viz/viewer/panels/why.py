@@ -116,7 +116,7 @@ def joint_html(why: Why, joint: Joint, position: int, recorded: bool | None) -> 
 
 
 def joint_name(why: Why, position: int) -> str:
-    """Name a step on a button: "Step 12: 30 and 14 cells, 0.83"; ``position`` counts from 1."""
+    """Name a step on a button: "Step 12 of 40: 30 and 14 cells, 83 %"; ``position`` counts from 1."""
     joint = why.joints[position - 1]
     weakest = ", weakest" if joint is why.weakest else ""
     parts = f"{joint.target_cells} and {plural(joint.source_cells, 'cell')}"
@@ -143,7 +143,7 @@ ROWS = 6
 """Rows of the table of merge steps."""
 MAX_NEIGHBOURS = 8
 APART_HINT = "What keeps this object apart from another: a neighbour, with the number on its line, or one you click."
-_ROW = re.compile(r"Step (\d{1,8}):")
+_ROW = re.compile(r"Step (\d{1,8}) of ")
 ASK = "Click another object …"
 STOP_ASKING = "Cancel"
 

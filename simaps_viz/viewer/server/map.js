@@ -379,7 +379,7 @@
   let step = 0;  // of merging, whose button the pointer is on
   const point = (event) => {
     const button = event.target.closest && event.target.closest('button');
-    const on = Number(((button && button.textContent.match(/^Step (\d{1,8}):/)) || [0, 0])[1]);
+    const on = Number(((button && button.textContent.match(/^Step (\d{1,8}) of /)) || [0, 0])[1]);
     if (on !== step && event.pointerType !== 'touch') tell({ type: 'step', number: step = on });
     const entry = entryOf(event), label = entry ? entry.dataset.class : null, square = oneOf(event);
     if (square) event.target.title = square.facts;
