@@ -98,7 +98,7 @@ def why_text(answer: Answer, candidates: Sequence[Candidate], pose: Pose2) -> st
         side, away = from_side[1] if from_side else "", f"{one.distance_m:.2f} m from where the command was given."
         sees = f", as the robot looks (to the {pose.looks})" if side in ("left", "right") else ""
         # Of some, such as those in a room, "the third of 5 that fit".
-        fit = "" if not side or f'order(things("{label}"), ' in from_side[0] else " that fit"
+        fit = "" if not from_side or f'order(things("{label}"), ' in from_side[0] else " that fit"
         order = f"from the {side}{sees}" if side else "in the order that was asked for"
         place = f"the {words}, of {plural(len(candidates), label)}; it is" if words and not side else ""
         counted = f"{_cap(name)} is {place or f'the {nth} of {len(candidates)}{fit} {order},'} {away}"
