@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from simaps_viz.errors import CommandError
 from simaps_viz.language.grammar import Grammar
-from simaps_viz.language.words import ANY, NO_NAMES, Noun, plural, singular
+from simaps_viz.language.words import ANY, NO_NAMES, Noun, plain, plural, singular
 
 GRAMMAR: Final = Grammar()
 IT: Final = "‹it›"
@@ -288,11 +288,18 @@ def _vacuous(base: str, parts: Parts) -> float:
     return 0.05 * (any(others) and base.startswith("things(") and base != 'things("anything")')
 
 
+LEFT_OUT: Final = "is left out"
+"""Of a word that is not known, where it could tell nothing from anything."""
+
+
 def _clear(parts: Parts, noun: Noun | None) -> Parts:
     """Return the parts of a phrase without words that are not known where the map has one thing of its name."""
     if noun is None or noun.count != 1 or noun.is_plural or noun.wide:
         return parts
-    left_out = f"is left out: the map has one {noun.spoken}"
+    vague = [part.text for part in parts if part.kind == "vague"]
+    if vague and plain(noun.label).endswith(f" {noun.spoken}"):  # a server rack is no coat rack
+        raise CommandError(f'"{vague[0]}"')
+    left_out = f"{LEFT_OUT}: the map has one {noun.spoken}"
     return tuple(
         replace(part, kind="", note=f'"{part.text}" {left_out}') if part.kind == "vague" else part for part in parts
     )

@@ -15,6 +15,7 @@ from simaps_viz.language.nouns import (
     IN_ROOM,
     IT,
     LAST,
+    LEFT_OUT,
     ONE,
     SAME,
     SUCH,
@@ -793,6 +794,9 @@ def _told(phrase: Phrase, kind: str, *more: str) -> Steps:
     unknown = _unknown_in(phrase.inner if kind in ("count", "whether", "where") else (phrase,))
     if unknown:  # "there is no kid" is no answer to what a kid did
         raise CommandError(f'"{unknown}"')
+    left_out = next((note for note in phrase.notes if LEFT_OUT in note), "")
+    if left_out and kind in ("count", "whether"):  # one bottle is no answer to whether there is a thermos bottle
+        raise CommandError(left_out.split(f" {LEFT_OUT}")[0])
     text = phrase.whole if kind in ("count", "whether", "list", "what") and phrase.whole else phrase.text
     return (
         Do((f'tell({{0.text}}, "{kind}"{rest})',), (replace(phrase, text=text, many=False, together=phrase.many),)),

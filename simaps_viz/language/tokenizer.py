@@ -196,7 +196,7 @@ _REWORDINGS: Final = tuple(_rewordings())
 def plainly(text: str) -> str:
     """Return what was said in lower case and spelled out, without the politeness around it."""
     said = re.sub(r"\bu[- ]turn", "uturn", re.sub(r"\blet['’]s\b", "let us", text.lower()))
-    said = _IS.sub(r"\1 is", said)
+    said = re.sub(r"\bwhere['’]d\b", "where did", _IS.sub(r"\1 is", said))
     said = re.sub(r"\b(the|an?|my|our|to|at|by)\s*\.{2,}", r"\1 …", said)
     said = re.sub(r"\b(?:might|may|could|would) be(?=\W*$)", "is", said)
     said = re.sub(r"\s[-–—]+\s", ", ", re.sub(r"\s*(?:[-=]*>|→)\s*", ", then ", said))

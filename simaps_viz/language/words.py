@@ -232,7 +232,7 @@ def read_number(words: Sequence[str], digits: float | None = None) -> tuple[floa
     total, taken = (digits, 1) if digits is not None else _whole(words)
     if taken == 0:
         return 0.0, 0
-    if words[taken : taken + 1] == ["point"] and len(words) > taken + 1 and words[taken + 1] in NUMBERS:
+    if len(words) > taken + 1 and words[taken] == "point" and words[taken + 1] in NUMBERS:
         total, taken = total + NUMBERS[words[taken + 1]] / 10.0, taken + 2
     fraction = FRACTIONS.get(tuple(words[taken : taken + 3]))
     return (total + fraction, min(taken + 3, len(words))) if fraction else (float(total), taken)
@@ -245,7 +245,7 @@ def _whole(words: Sequence[str]) -> tuple[float, int]:
             total = max(total, 1) * 100
         elif word in NUMBERS and (taken == 0 or total % 100 == 0 or (total % 10 == 0 and NUMBERS[word] < 10)):
             total += NUMBERS[word]
-        elif word != "and" or not total or total % 100 or words[at + 1 : at + 2] == [] or words[at + 1] not in NUMBERS:
+        elif word != "and" or not total or total % 100 or at + 1 == len(words) or words[at + 1] not in NUMBERS:
             break
         taken += 1
     return float(total), taken

@@ -97,6 +97,9 @@ PHRASES: list[tuple[str, str, list[int | None]]] = [
     ("keep the table on your right side", "with_object_on_right({t})", [6]),
     ("go forward 2 m", "move_forward(2)", [None]),
     ("move straight ahead for 1.5 metres", "move_forward(1.5)", [None]),
+    ("drive forward one point five metres", "move_forward(1.5)", [None]),
+    ("drive one meter to the front", "move_forward(1)", [None]),
+    ("go to the couch, not the other one", "move_to_object({s})", [5]),
     ("drive half a meter forward", "move_forward(0.5)", [None]),
     ("move back 50 cm", "move_forward(-0.5)", [None]),
     ("back up a metre", "move_forward(-1)", [None]),
@@ -110,6 +113,7 @@ SEQUENCES: list[tuple[str, list[str], list[int | None]]] = [
     ("First go to the table, and then look at the plant!", ["move_to_object({t})", "face({p})"], [6, 9]),
     ("go to the table, the couch and the plant", [f"move_to_object({{{x}}})" for x in "tsp"], [6, 5, 9]),
     ("turn right. Then go 1 m forward", ["turn(90)", "move_forward(1)"], [None]),
+    ("first you go to the couch, after to the chair", ["move_to_object({s})", "move_to_object({c})"], [5, 1]),
     ("face west; go forward 1 m; turn around", ["turn_absolute(270)", "move_forward(1)", "turn(180)"], [None]),
 ]
 WHOLE: list[tuple[str, str, list[int | None]]] = [
@@ -684,6 +688,14 @@ def test_what_opens_a_sentence_and_says_more_is_not_left_out(said: str) -> None:
         ("How many chairs are there in the whole of the flat, all told?", "how many chairs are there"),
         ("What would be the number of chairs?", "how many chairs are there"),
         ("Tell me if there's a couch.", "is there a couch"),
+        ("Do you by any chance have a couch?", "is there a couch"),
+        ("Would you mind telling me how many chairs you have?", "how many chairs are there"),
+        ("How many chairs are installed?", "how many chairs are there"),
+        ("My couch, where'd I put it?", "where is the couch"),
+        ("What's the biggest room in here?", "what is the biggest room"),
+        ("Which tables have a cup left on them?", "which tables have a cup on them"),
+        ("Go to the table where is no cup on it.", "go to the table with no cup on it"),
+        ("I search the couch.", "go to the couch"),
         ("Does a couch exist here?", "is there a couch"),
         ("Do you know of a couch?", "is there a couch"),
         ("Where the heck is the couch supposed to be?", "where is the couch"),
@@ -1097,3 +1109,14 @@ def test_numbers_that_no_program_may_hold_are_refused_in_a_line(said: str, numbe
 )
 def test_kinds_of_words_are_read_wherever_they_stand(said: str, program: str) -> None:
     assert read_command(said, LABELS).program == program
+
+
+def test_a_thing_of_another_kind_is_not_the_only_one_of_that_name() -> None:
+    counts = {"coat rack": 1, "bottle": 1}
+    for said in ("go to the server rack", "is there a server rack?", "how many server racks are there?"):
+        with pytest.raises(CommandError, match='"server'):
+            read_command(said, counts)
+    assert read_command("go to the rack", counts).program == 'robot.move_to_object("coat rack")'
+    reading = read_command("go to the thermos bottle", counts)  # there is no other bottle
+    assert reading.program == 'robot.move_to_object("bottle")' and any("thermos" in note for note in reading.notes)
+    assert '"whether"' not in read_command("is there a thermos bottle?", counts).program
