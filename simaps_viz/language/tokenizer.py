@@ -121,6 +121,7 @@ _WISH: Final = re.compile(
 )
 """A clause that says what somebody wants, or what has to be done."""
 _KEPT_TO: Final = r"(?:(?:and|but|so|then|please|you|we|i|to) |^\W*)(?:keep|stay)"
+"""That somebody is to keep to something, or away from it."""
 _TOLD_OFF: Final = (
     r"(?:\b(?:not|never|no)\b|n['’]?t\b).*\byou\b|"
     r"\b(?:you|said|says|told|asked|warned)\b.*(?:\b(?:not|never|no)\b|n['’]?t\b)"
@@ -145,6 +146,7 @@ _LIMITS_NOW: Final = re.compile(
     rf"(?:not|never) to|forb\w+|allowed|banned|cannot|(?:do|does|is|are|ca|wo|must)(?: not|n['’]?t))\b|\?|"
     rf"{_TOLD_OFF}"
 )
+"""What limits in a clause about the past."""
 _BY_OTHERS: Final = re.compile(
     r"\W*(?:(?:and|but|so|well|oh|since|for|though|although) )*"
     r"(?!(?:i|we|you|it|they|this|that|these|those|there|here|n?either|nothing|the other)\b)"
@@ -155,6 +157,7 @@ _LIMITS_OTHERS: Final = re.compile(
     r"(?:nobody|no one|no \w+) (?:must|should|may|can|is)|only|except|rather|instead|avoid\w*|other|ones?|"
     rf"(?:not|never) to|forb\w+|allowed|banned|if|unless|(?:needs?|wants?|has|have) to be)\b|\?|{_TOLD_OFF}"
 )
+"""What limits in a clause about somebody else."""
 _MISSED: Final = re.compile(r"\b(?:can|could)(?:not|n?['’]?t| not) (?:find|see|locate|spot|remember)\b")
 """Of a statement that says what somebody does not find: no limit on what is to be done."""
 

@@ -796,8 +796,8 @@ class CommandPanel(Panel):
             counted = self._of_them_specks(told) if type(value) is int and value == len(told) else ""
             return goal_labels(simap, answer.goals) or answer_labels(simap, told), tuple(filter(None, [counted]))
         labels = {goal.label for goal in answer.goals if goal.label}
-        mixed = any(goal.other_label for goal in answer.goals) or not answer.goals[:1] or not answer.goals[0].label
-        if self._services.candidates is None or mixed or len(labels) != 1:
+        of_one_class = len(labels) == 1 and not any(goal.other_label for goal in answer.goals)
+        if self._services.candidates is None or not of_one_class or not answer.goals[0].label:
             return goal_labels(simap, answer.goals), ()
         candidates = in_asked_order(answer, self._services.candidates(simap, labels.pop(), self._page.pose))
         chosen = {goal.instance or 0 for goal in answer.goals}

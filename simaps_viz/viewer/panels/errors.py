@@ -109,8 +109,8 @@ class ErrorsPanel(Panel):
         simap = self._page.simap
         wants_truth = self._which.value == ERRORS
         if wants_truth:
-            self._tell("comparing", 0, 1)
-            self._truth = self._maker.make(TRUTH, simap, self._tell)
+            self._report("comparing", 0, 1)
+            self._truth = self._maker.make(TRUTH, simap, self._report)
             found = compare_two(("This map", simap), ("The truth", self._truth), truth="right")
             entries = [self._with_change(error_entry(item, found.left, found.right), item) for item in found.items]
             wrong = len(found.differences)
@@ -132,7 +132,7 @@ class ErrorsPanel(Panel):
             return entry
         return replace(entry, title=f"{entry.title}, by {cut}", more=f"{entry.more} By {cut}: {text}.")
 
-    def _tell(self, what: str, done: int, total: int) -> None:
+    def _report(self, what: str, done: int, total: int) -> None:
         self._about.content = small_html(f"Looking for the truth: {what}, {done / max(total, 1):.0%} …")
 
     def _fill(self) -> None:

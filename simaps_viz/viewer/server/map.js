@@ -498,10 +498,10 @@
     opened = now;
     tell({ type: 'tabs', open });
   };
+  window.setInterval(tellTabs, 250);  // not at every frame
   let changed = true, before = '', legend = null;
   const tick = () => {
     window.requestAnimationFrame(tick);
-    tellTabs();
     const viser = window.__viserMutable, canvas = viser && viser.canvas;
     if (!canvas || !viser.nodeRefFromName) return;
     if (over.parentElement !== canvas.parentElement) canvas.parentElement.appendChild(over);
