@@ -42,8 +42,10 @@ def open_frames(simap: SIMap, cache: Path) -> tuple[PosedFrames, PosedFrames | W
     Raises:
         InputError: the sequence is not where it was.
     """
-    source = str(simap.provenance.get("segmentation", ""))
-    sequence = open_sequence(Path(str(simap.provenance.get("sequence", ""))))
+    source, place = (str(simap.provenance.get(key, "")) for key in ("segmentation", "sequence"))
+    if not place:
+        raise InputError("the map does not name its recording")
+    sequence = open_sequence(Path(place))
     return sequence, sequence if source == sequence.segmentation_source else masks_from(sequence, source, cache)
 
 

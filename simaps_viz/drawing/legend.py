@@ -166,7 +166,8 @@ def legend_html(
         return _box(f"{CHIP_STYLE}<div>as the cameras saw it{outlined}</div>{''.join(rows)}{_unseen(theme)}")
     if mode == "class":
         others = "".join(f'<span class="simaps-entry">{name}</span>' for name in _uncounted(simap, specks, chips))
-        rows += [f'<div style="margin-top:.5em">not counted: {others}</div>'] if others else []
+        said = "not counted, as they have no objects or only specks"
+        rows += [f'<div style="margin-top:.5em">{said}: {others}</div>'] if others else []
     rows += [_note("Faint: specks, seen too little to count.")] if specks else []
     rows += [_note(text) for text in _repeats(simap, mode)]
     ground = (("wall", theme.wall), ("not named", theme.clutter), ("floor", theme.floor), ("never seen", theme.unseen))

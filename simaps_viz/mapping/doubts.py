@@ -18,6 +18,8 @@ FRAMES_PER_GLANCE = 20
 """Of so many frames one is enough, where there are few."""
 LARGE, SMALL, ENOUGH = 2.0, 0.4, 4
 """Times the usual area of a class of at least so many objects, from which on a size is a reason for doubt."""
+THIN = 0.15
+"""Of the floor below its box an object that nothing hides has more than this share of cells."""
 MIN_SHARE = 0.15
 """A part with a smaller share of the object makes no two of it."""
 HALF_CELLS = 30
@@ -54,9 +56,14 @@ def doubts(simap: SIMap, but: Collection[int] = ()) -> tuple[Doubt, ...]:
         about.append((1.0 - one.frames / sure_frames, seen, f"It was {seen}."))
         if len(others) >= ENOUGH:
             share = one.cells / _usual(others)
-            text = f"It has {share:.2g} times the area that is usual for a {one.label} here: it may be"
+            text = f"It has {share:.2g} times the area that is usual for its class here: it may be"
             about.append((min(share / LARGE - 1.0, 0.8), f"{share:.1f} times the usual size", f"{text} several."))
             about.append((0.6 * (1.0 - share / SMALL), "far below the usual size", f"{text} a part of one, or none."))
+        if one.box is not None and not one.under:
+            long_m, wide_m, _ = one.box.size_m
+            share = one.area_m2(simap.spec.cell_size_m) / max(long_m * wide_m, 1e-6)
+            text = f"Its surface spans {long_m:.1f} × {wide_m:.1f} m, but it has {plural(one.cells, 'cell')} only."
+            about.append((0.8 * (1.0 - share / THIN), "few cells for its size", f"{text} It may be a part, or none."))
     # How near it is to being two, or one with another.
     log, threshold = simap.merges, joining_threshold(simap.method, simap.parameters)
     applied, owner = applied_steps(log, threshold), owner_of_community(simap)
@@ -73,10 +80,12 @@ def doubts(simap: SIMap, but: Collection[int] = ()) -> tuple[Doubt, ...]:
                 found[one.id].append((doubt, "hardly joined, may be two", f"{text} It may be two."))
             cells[target] += cells[source]
         elif one is not None and other is not None and one.id != other.id:
-            for this, that in ((one, other), (other, one)):
-                # The log's score is of the parts they were then; how near the two are now, Why says.
-                text = f"It was nearly joined with {that.name}. The two may be one."
-                found[this.id].append((doubt, f"nearly one with {that.name}", text))
+            this, that = sorted((one, other), key=lambda side: (-side.cells, side.id))  # said once, of the larger
+            # The log's score is of the parts they were then; how near the two are now, Why says.
+            text = f"It was nearly joined with {that.name}. The two may be one."
+            reason = doubt, f"nearly one with {that.name}", text
+            if doubt > max((near for near, brief, _ in found[this.id] if brief == reason[1]), default=LEAST):
+                found[this.id] = [*(about for about in found[this.id] if about[1] != reason[1]), reason]
     listed = []
     for number, about in found.items():
         why = sorted((one for one in about if one[0] >= LEAST), key=lambda one: -one[0])

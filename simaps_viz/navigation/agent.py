@@ -1,9 +1,10 @@
 """A simulated robot that carries out programs and spoken commands on a map."""
 
 import re
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import groupby
 from typing import Any, Literal
 from weakref import WeakKeyDictionary
 
@@ -97,21 +98,59 @@ def outcome_text(answer: Answer) -> str:
     said = str(answer.answer["text"]) if answer.answer else ""
     if said and not answer.goals and answer.path_length_m == 0.0:
         return said
-    names = [_goal_words(goal) for goal in answer.goals if goal.label]
-    parts = [", then ".join(f"to {name}" for name in dict.fromkeys(names))] if names else []
-    pose = answer.final_pose
-    parts += [
-        f"{answer.path_length_m:.2f} m to drive",
-        f"ends at x {pose.x_m:.2f} m, y {pose.y_m:.2f} m, heading {pose.heading_deg % 360:.0f}°",
+    pose, start = answer.final_pose, answer.path_m[0]
+    stops = [
+        _several(words, tuple(goals)) for words, goals in groupby(answer.goals, lambda goal: _goal_words(goal, start))
     ]
+    parts = [", then ".join(filter(None, stops))] if any(stops) else []
+    heading = f"heading {round(pose.heading_deg) % 360}° ({pose.looks})"
+    at = f"at x {pose.x_m:.2f} m, y {pose.y_m:.2f} m"
+    if answer.path_length_m > 0.0:
+        parts += [f"a path of {answer.path_length_m:.2f} m that ends {at}", heading]
+    else:
+        parts += [f"without driving, {at}", f"{heading} in the end"]
     text = ", ".join(parts)
     return f"{said} {text[0].upper()}{text[1:]}.".lstrip()
 
 
-def _goal_words(goal: Goal) -> str:
-    if goal.label == goal.other_label:
-        return f"{goal.label} {goal.instance} and {goal.other_label} {goal.other_instance}"
-    return f"the {goal.label} and the {goal.other_label}" if goal.other_label else f"the {goal.words or goal.label}"
+_GOAL_WORDS = {
+    "move_to": "to a place by {}",
+    "face": "facing {}",
+    "with_object_on_left": "turned so that {} is on the left",
+    "with_object_on_right": "turned so that {} is on the right",
+    "move_to_left": "to the left of {}, as the robot sees it",
+    "move_to_right": "to the right of {}, as the robot sees it",
+    "move_north": "to the north of {}",
+    "move_south": "to the south of {}",
+    "move_east": "to the east of {}",
+    "move_west": "to the west of {}",
+    "move_in_between": "between {}",
+}
+"""What a goal of a primitive is, of the thing that it is about; of the others, "to {}"."""
+_BACK_M = 0.15
+"""A stop no farther from where the command was given is back there."""
+
+
+def _goal_words(goal: Goal, start: NDArray) -> str:
+    """Describe a goal: "to the chair", "between the couch and the table"; empty for a place without a name."""
+    if goal.label is None:
+        back = goal.primitive == "move_to" and np.hypot(*(np.array(goal.point_m) - start)) < _BACK_M
+        return "back to where it started" if back else ""
+    name = f"the {goal.words or goal.label}"
+    if goal.other_label:
+        name = f"the {goal.label} and the {goal.other_label}"
+        if goal.label == goal.other_label:
+            name = f"{goal.label} {goal.instance} and {goal.other_label} {goal.other_instance}"
+    sees = ", as the robot sees it" if re.search(r"\b(left|right) of\b", goal.words) else ""
+    return _GOAL_WORDS.get(goal.primitive, "to {}").format(name) + sees
+
+
+def _several(words: str, goals: Sequence[Goal]) -> str:
+    """Return the words of goals that follow one another, which all have the same."""
+    if goals[0].primitive == "move_to" and goals[0].label and len(goals) > 2:
+        return f"around the {goals[0].label}"
+    things = {goal.instance for goal in goals}
+    return f"{words}, {len(things)} of them" if words and len(things) > 1 else words
 
 
 @dataclass(frozen=True, eq=False)

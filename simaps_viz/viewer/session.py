@@ -108,6 +108,8 @@ MAP_SHARE = 0.6
 """The share of the page's width that the map keeps while the recorded build is docked beside it."""
 ROOMY_PX, MAX_PX = 1900, 20_000
 """Pages narrower than the first have the recorded build folded up to a strip: the room is for the map."""
+PHONE_PX = 576
+"""Narrower pages are a phone's, as in the page's style."""
 
 
 def prepare(server: viser.ViserServer) -> None:
@@ -134,7 +136,7 @@ class Layout:
         gui.add_html(
             f'<iframe title="Tab" style="{wide}" src="{page.workbench.tab_host.url_for(page.token)}"></iframe>'
         )
-        self._recording = _dock_recording(page)
+        self._recording, self._is_phone = _dock_recording(page), False
         # The main panel: help and keys above the tabs.
         page.panels.place("head", gui, specs)
         tabs = gui.add_tab_group()
@@ -152,6 +154,12 @@ class Layout:
         if self._recording is not None and isinstance(page_px, int | float) and ROOMY_PX <= page_px < MAX_PX:
             beside = int((1.0 - MAP_SHARE) * page_px) - PANEL_WIDTH_PX - 2 * RIM_PX
             self._recording.set_width(min(RECORDING_WIDTH_PX, beside))
+            self._recording.expand()
+        self._is_phone = isinstance(page_px, int | float) and page_px < PHONE_PX
+
+    def unfold_recording(self) -> None:
+        """Show the recorded build beside the map, but for a phone, which has no room for both."""
+        if self._recording is not None and not self._is_phone:
             self._recording.expand()
 
     def open_tab(self, title: str, only_from: str, focus: str) -> None:
@@ -215,6 +223,10 @@ class Session(Page):
                 return
             self._waiting_state = state
         self.worker.submit("begin", self._begin_now)
+
+    def unfold_recording(self) -> None:
+        """Show the recorded build."""
+        self._layout.unfold_recording()
 
     def settle(self, width_px: object = None) -> None:
         """Lay the panels out anew, now that the browser shows them on a page of that width."""

@@ -112,7 +112,7 @@ def test_two_clicks_compare_two_objects(bench, page):
     wait_for_color(bench, page, table.centroid_m[:2], instance_color(TABLE))
     # A neighbour needs no second click on the map.
     page.get_by_role("button", name="Click another object …").evaluate("(one) => one.scrollIntoView({ block: 'end' })")
-    page.get_by_role("button", name="chair 3 · 1.6 %").click()
+    page.get_by_role("button", name="chair 3 · K 1.6 %").click()
     expect(page.locator(".simaps-apart")).to_be_in_viewport(ratio=1)  # the reason is seen where it was asked for
     expect(page.get_by_text("1.6 % of the cells of one neighbour the other, below the K = 5 % needed.")).to_be_visible()
     # Asked again, a click on the floor gives up.

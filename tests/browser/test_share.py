@@ -28,11 +28,16 @@ def near(color, wanted, tolerance=8):
 
 
 def go_to(page, seconds):
-    """Scrub: the box beside the play button takes a time."""
+    """Scrub: the box beside the play button takes a time, and pauses. While it plays, its own time may come between."""
     box = page.locator("input[value]").first
-    box.fill(f"{seconds:.2f}")
-    box.press("Enter")
-    page.wait_for_timeout(300)
+
+    def is_there():
+        box.fill(f"{seconds:.2f}")
+        box.press("Enter")
+        page.wait_for_timeout(300)
+        return abs(float(box.input_value()) - seconds) < 0.06
+
+    until(page, is_there)
 
 
 def check_camera(page, simap):

@@ -428,7 +428,32 @@ def test_sets_are_those_of_where_the_robot_is_by_then(simap) -> None:
 def test_goals_know_in_words_what_was_chosen(simap) -> None:
     said = answer(simap, "robot.face(first(order(things('chair'), 'left')))\nrobot.move_to_object('couch')", TOY_POSE)
     assert [goal.words for goal in said.goals] == ["leftmost chair", ""]
-    assert outcome_text(said).startswith("To the leftmost chair, then to the couch, ")
+    assert outcome_text(said).startswith("Facing the leftmost chair, then to the couch, ")
+
+
+@pytest.mark.parametrize(
+    ("program", "words"),
+    [
+        (
+            "robot.move_to_object('couch')\nrobot.move_to(pose('start'))",
+            "To the couch, then back to where it started, ",
+        ),
+        ("robot.move_in_between('couch', 'dining table')", "Between the couch and the dining table, a path of "),
+        ("robot.move_to_left('couch')", "To the left of the couch, as the robot sees it, "),
+        (
+            "robot.move_to_object(nearest(side(things('chair'), 'right', 'couch')))",
+            " of the couch, as the robot sees it, ",
+        ),
+        ("robot.face('couch')", "Facing the couch, without driving, at x 0.50 m, y 0.50 m, heading "),
+        ("for one in things('chair'):\n    robot.move_to_object(one)", "To the chair, 3 of them, a path of "),
+        ("for point in lap('dining table'):\n    robot.move_to(point)", "Around the dining table, a path of "),
+        ("robot.turn(90)", "Without driving, at x 0.50 m, y 0.50 m, heading 180° (south) in the end."),
+    ],
+)
+def test_outcomes_say_where_each_stop_is(simap, program, words) -> None:
+    said = answer(simap, program, TOY_POSE)
+    assert said.status == "ok", said.reason
+    assert words in outcome_text(said)
 
 
 def test_the_branch_not_taken_may_name_what_is_not_there(simap) -> None:

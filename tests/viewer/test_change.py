@@ -23,7 +23,7 @@ from simaps_viz.viewer.panels import map as map_panel
 from simaps_viz.viewer.panels.command import CommandPanel
 from simaps_viz.viewer.panels.compare import MethodPanel, item_text, method_panel
 from simaps_viz.viewer.panels.instance import FindBox
-from simaps_viz.viewer.panels.map import FAINT, MapPanel, change_text, changes_between, specks_on
+from simaps_viz.viewer.panels.map import FAINT, MAX_CHANGES, MapPanel, change_text, changes_between, specks_on
 from simaps_viz.viewer.scene.map_scene import Style
 from simaps_viz.viewer.workbench import Workbench
 
@@ -78,8 +78,8 @@ def test_a_change_is_one_from_either_side_in_the_words_of_a_comparison(k):
         ("1111.2222", {1: "chair", 2: "chair"}, []),
         ("111..2222", {1: "chair", 2: "chair"}, []),  # another outline
         ("1111.3333", {1: "chair", 3: "chair"}, []),  # another number
-        ("1111.....", {1: "chair"}, ["missed · chair 2"]),
-        ("111132222", {1: "chair", 2: "chair", 3: "table"}, ["extra · table 3"]),
+        ("1111.....", {1: "chair"}, ["gone · chair 2"]),
+        ("111132222", {1: "chair", 2: "chair", 3: "table"}, ["new · table 3"]),
         ("1111.2222", {1: "chair", 2: "table"}, ["label · chair 2 → table 2 · 100% alike"]),
         ("1111.2233", {1: "chair", 2: "chair", 3: "table"}, ["split · chair 2 → chair 2 + table 3"]),
         ("111111111", {1: "chair"}, ["merged · chairs 1 + 2 → 1"]),
@@ -130,8 +130,12 @@ def test_the_words_name_the_classes_that_have_other_counts():
     assert change_text(whole, cut, changes, 0) == "\n".join((f"{said}, {len(changes)} changes", *lines))
     assert change_text(whole, cut, changes[:1], 0) == f"{said}, 1 change\n{lines[0]}"
     many = change_text(whole, cut, changes * 5, 1).splitlines()
+    assert len(changes * 5) > MAX_CHANGES
     assert many[0].endswith("changes, 1 outline is slightly different")
-    assert many[1:] == [*(change.text for change in (changes * 5)[:3]), f"and {len(changes) * 5 - 3} more"]
+    assert many[1:] == [
+        *(change.text for change in (changes * 5)[:MAX_CHANGES]),
+        f"and {len(changes) * 5 - MAX_CHANGES} more",
+    ]
     assert change_text(whole, cut, (), 1) == f"{said}, 1 outline is slightly different"
     assert change_text(whole, whole, (), 0) == "nothing changed"
 

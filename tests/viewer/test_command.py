@@ -104,7 +104,7 @@ def test_two_things_of_one_class_are_called_by_their_names():
     tables = [one.name for one in toy_map().of_class("dining table")]
     assert len(tables) == 2
     said = outcome_text(answer(toy_map(), "move in between the dining table and the dining table", TOY_POSE))
-    assert said.startswith("To ") and all(name in said for name in tables)
+    assert said.startswith("Between ") and all(name in said for name in tables)
     asked = answer(toy_map(), "what is between the dining table and the dining table?", TOY_POSE)
     assert all(name in outcome_text(asked) for name in tables)
 
@@ -151,7 +151,7 @@ def test_what_another_class_was_looked_up_by_is_not_taken_for_the_reason():
 def test_outcome_text_names_both_things_it_goes_between():
     said = answer(toy_map(), "go between the dining table and the chair", TOY_POSE)
     assert said.status == "ok"
-    assert outcome_text(said).startswith("To the dining table and the chair, ")
+    assert outcome_text(said).startswith("Between the dining table and the chair, a path of ")
     refused = answer(toy_map(), "go to the piano", TOY_POSE)
     assert outcome_text(refused) == "There is no piano on this map."
 

@@ -164,7 +164,7 @@ def test_the_strongest_links_are_named_on_the_neighbour(server):
     marks = Marks(simap, why)
     named = link_label(marks, why.neighbours[0])
     other = why.neighbours[0].other
-    assert named.text == "chair 3 · 1.6 %"
+    assert named.text == "chair 3 · K 1.6 %"
     assert (named.x, named.y) == pytest.approx(other.centroid_m[:2]) and named.reach_x == named.reach_y == 0.0
     large = replace(other, aabb_m=((1.0, 0.0, 0.0), (9.0, 1.0, 1.0)))
     long = SimpleNamespace(other=large, ends_m=((0.0, 0.5), (1.0, 0.5)), score=0.1)

@@ -187,7 +187,7 @@ def test_candidates_are_numbered_with_the_chosen_one_marked():
     assert numbers({candidates[0].instance.id}) == ["▶ 1"], "those farther than the goal are of no use"
     assert numbers(set()) == ["1", "2", "3"]
     chosen, first, _ = candidate_labels(candidates, {4})
-    assert chosen.text == "▶ 3 · chair 4 · 3.3 m" and first.text == "1 · chair 3"
+    assert chosen.text == "▶ 3 · chair 4 · 3.3 m away" and first.text == "1 · chair 3"
     box = simap.by_id(4).aabb_m
     assert (chosen.x - chosen.reach_x, chosen.y + chosen.reach_y) == pytest.approx((box[0][0], box[1][1]))
 
@@ -222,6 +222,20 @@ class ForgetfulCamera:
 
     def on_update(self, told):
         self.told = told
+
+
+def test_what_is_out_of_sight_brings_the_whole_map_back():
+    camera = ForgetfulCamera()
+    link = SimpleNamespace(queue_message=lambda message: None)
+    client = SimpleNamespace(camera=camera, atomic=nullcontext, _websock_connection=link)
+    viewpoints = Viewpoints(client, (0.0, 0.0, 20.0, 10.0))  # type: ignore[arg-type]
+    whole = camera.position
+    viewpoints.look_at((2.0, 2.0, 4.0, 4.0))
+    near = camera.position
+    viewpoints.bring_in((2.5, 2.5, 3.5, 3.5))
+    assert camera.position == near != whole
+    viewpoints.bring_in((2.5, 2.5, 15.0, 3.5))
+    assert np.allclose(camera.position[:2], whole[:2], atol=0.5) and camera.position[2] > near[2]
 
 
 def test_a_page_that_forgot_how_wide_its_camera_opens_is_told_again():

@@ -41,7 +41,7 @@ def test_a_short_name_keeps_all_of_the_class():
 def test_a_link_names_the_neighbour_whole():
     simap = of_drawers()
     why = explain(simap, CHAIR_1)
-    assert link_label(Marks(simap, why), why.neighbours[0]).text == f"{CLASS} 3 · 1.6 %"
+    assert link_label(Marks(simap, why), why.neighbours[0]).text == f"{CLASS} 3 · K 1.6 %"
 
 
 def test_scores_are_bars_against_the_threshold_and_steps_are_told_in_words():
@@ -72,7 +72,7 @@ def test_every_neighbour_has_a_button():
         page = SimpleNamespace(gui=server.gui, client=server, scene=SimpleNamespace(texts=Texts(server)))
         panel = WhyPanel(cast(Page, page))
         panel._fill(simap, replace(why, neighbours=(why.neighbours[0], twice)))
-        assert [*panel._near.options][:2] == [f"{CLASS} 3 · 1.6 %", f"{CLASS} 4 · 1.6 %"]
+        assert [*panel._near.options][:2] == [f"{CLASS} 3 · K 1.6 %", f"{CLASS} 4 · K 1.6 %"]
         assert list(panel._apart_of.values()) == [one.id for one in simap.of_class(CLASS)[1:]]
     finally:
         server.stop()

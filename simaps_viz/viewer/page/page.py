@@ -238,6 +238,9 @@ class Page:
             focus: label of a control in it that gets the focus.
         """
 
+    def unfold_recording(self) -> None:
+        """Show the recorded build, where the page has one; a page without a layout has none."""
+
     # --- selection
 
     def select(self, instance_id: int | None) -> None:

@@ -26,7 +26,7 @@ ECHO_S = 1.5
 SETTLE_S = 10.0
 """For how long after a recorded build opened its own jump to the first frame is undone."""
 NOTHING_THERE = ("Recorded build", "There is no object of the map where you clicked.")
-NO_SUCH_STEP = " The recorded build on the left has no such step: it stays where it is."
+NO_SUCH_STEP = " The recorded build has no such step: it stays where it is."
 PICTURES = {
     "/world/camera/color": SMALL.color_divide,
     "/world/camera/segmentation": SMALL.segmentation_divide,

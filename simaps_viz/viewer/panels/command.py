@@ -35,6 +35,7 @@ from simaps_viz.language.grounding import Candidate
 from simaps_viz.language.llm_settings import Exchange
 from simaps_viz.language.primitives import FUNCTIONS, PRIMITIVES, SIDES
 from simaps_viz.mapping.doubts import SURE_SCORE
+from simaps_viz.mapping.in_space import all_instances
 from simaps_viz.navigation.agent import Answer, is_program, outcome_text
 from simaps_viz.navigation.robot import Goal
 from simaps_viz.navigation.trajectory import (
@@ -130,7 +131,7 @@ def beyond_text(simap: SIMap, answer: Answer) -> str:
 
 
 def candidate_labels(candidates: Sequence[Candidate], chosen: Collection[int], most: int = 5) -> list[Label]:
-    """Number the objects that a command could mean: "▶ 3 · chair 18 · 2.6 m" is the chosen one, "1 · chair 7" another.
+    """Number what a command could mean: "▶ 3 · chair 18 · 2.6 m away" is the chosen one, "1 · chair 7" another.
 
     Args:
         candidates: in the order that was asked for.
@@ -143,7 +144,7 @@ def candidate_labels(candidates: Sequence[Candidate], chosen: Collection[int], m
     mine = [c for c in candidates if c.instance.id in chosen]
     last = max((c.rank for c in mine), default=len(candidates))
     others = [c for c in candidates if c.instance.id not in chosen and c.rank <= last][:most]
-    texts = [(f"▶ {c.rank} · {c.instance.name} · {c.distance_m:.1f} m", c.instance) for c in mine]
+    texts = [(f"▶ {c.rank} · {c.instance.name} · {c.distance_m:.1f} m away", c.instance) for c in mine]
     texts += [(f"{c.rank} · {c.instance.name}", c.instance) for c in others]
     return [label_of(text, one) for text, one in texts]
 
@@ -708,7 +709,13 @@ class CommandPanel(Panel):
         goal = Label(stop, answer.final_pose.x_m, answer.final_pose.y_m, GOAL_M, GOAL_M)
         goals = {number for one in answer.goals for number in (one.instance, one.other_instance) if number}
         self._draw(Marks(labels=(*labels, goal)))
-        self._light(frozenset(goals if answer.answer is None else answer.answer["instances"]))
+        meant = frozenset(goals if answer.answer is None else answer.answer["instances"])
+        self._light(meant)
+        corners = [corner[:2] for one in all_instances(self._page.simap) if one.id in meant for corner in one.aabb_m]
+        places = np.array([*corners, *answer.path_m])
+        if not self._follower.on:
+            x0, y0, x1, y1 = (*places.min(axis=0).tolist(), *places.max(axis=0).tolist())
+            self._page.viewpoints.bring_in((x0, y0, x1, y1))
 
     def _meant(self, command: str) -> tuple[Answer, Sequence[Label], tuple[str, ...]]:
         """Read and plan a command without running it.

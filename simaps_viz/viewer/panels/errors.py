@@ -14,6 +14,7 @@ from simaps_viz.mapping.doubts import doubts
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel, PanelSpec, button, button_row, by_person
+from simaps_viz.viewer.panels.instance import FrameGallery, best_pictures
 from simaps_viz.viewer.panels.map import MapPanel, specks_on
 from simaps_viz.viewer.scene.camera import Extent, with_margin
 
@@ -85,6 +86,7 @@ class ErrorsPanel(Panel):
         )  # fmt: skip
         self._end = gui.add_html(remark_html(END), visible=False)
         self._more = gui.add_html("")
+        self._views = FrameGallery(page)
 
     def map_changed(self, simap: SIMap) -> None:
         """List anew what is wrong with the map, if that is looked at."""
@@ -120,6 +122,7 @@ class ErrorsPanel(Panel):
             head = f"{'' if self._known else UNKNOWN}{LEAST_SURE if entries else 'No object is doubtful.'}"
         if simap is self._page.simap:
             self._entries, self._first, self._chosen, self._listed = entries, 0, -1, simap
+            self._views.hide()
             self._about.content = small_html(head)
             self._fill()
 
@@ -164,9 +167,28 @@ class ErrorsPanel(Panel):
         self._fill()
         page.finish()
         page.select(entry.selects)
+        self._views.hide()
+        page.submit("error views", lambda: self._show_views(entry))
         if self._truth is not None:
             page.scene.show_changed(self._truth, entry.true)
         page.viewpoints.look_at(with_margin(entry.extent_m, share=1.0, least_m=1.5))
+
+    def selection_changed(self, instance_id: int | None) -> None:
+        """Take away the true outlines once another object is selected."""
+        entry = self._entries[self._chosen] if self._chosen >= 0 else None
+        if entry is not None and instance_id != entry.selects:
+            self._chosen = -1
+            self._views.hide()
+            self._page.scene.show_changed(self._page.simap, ())
+            self._fill()
+
+    def _show_views(self, entry: Entry) -> None:
+        """Show how the object of an entry looked, unless another is chosen meanwhile."""
+        if entry.selects is None or entry not in self._entries:
+            return
+        pictures, _, frames = best_pictures(self._page.simap, entry.selects, self._page.view)
+        if self._chosen >= 0 and self._entries[self._chosen] is entry:
+            self._views.show(pictures, frames)
 
 
 def doubt_entries(simap: SIMap, specks: frozenset[int]) -> list[Entry]:

@@ -233,6 +233,7 @@ class FrameGallery:
 
     def _go(self, name: str) -> None:
         if name in self._frames:
+            self._page.unfold_recording()
             self._page.show_frame(self._frames[name])
 
 

@@ -40,8 +40,10 @@ FINISH = "Show the finished map"
 BEFORE = "Before and after"
 BEFORE_HINT = "The map as it was before the slider was moved, and as it is; holding key B shows it before."
 STEP_HINT = "Go to what the slider changed, one after the other; key T shows the whole map again."
-MAX_MOVED, OUTLINED_S = 3, 6.0
+MAX_MOVED, MAX_CHANGES, OUTLINED_S = 3, 8, 6.0
 """Classes and changes that are named beside a moved slider, and for how long what changed is outlined."""
+_KINDS = {"missed": "gone", "extra": "new"}
+"""What a comparison calls otherwise, as one of its maps is the truth."""
 DRAG_S = 1.5
 """A slider that was at rest for so long is moved anew."""
 MODE_HINT = "What a colour on the map means; the legend follows."
@@ -234,7 +236,8 @@ class MapPanel(Panel):
         self._changed = changes or edges
         self._outline(now, [one for change in self._changed for one in self._ids_now(change)])
         if self._changed:
-            self._step.label = f"Show each of {plural(len(self._changed), 'change' if changes else 'changed outline')}"
+            what = ("change" if changes else "changed outline") + "s" * (len(self._changed) > 1)
+            self._step.label = f"Show {'the' if len(self._changed) == 1 else f'each of {len(self._changed)}'} {what}"
             self._step.visible = True
 
     def _ids_now(self, change: Change) -> tuple[int, ...]:
@@ -413,7 +416,7 @@ class MapPanel(Panel):
         self._moved_s = now if drag else -np.inf
         if not self._busy:
             self._busy, self._counts_before = True, str(self._counts.content)
-            self._counts.content = _line("Cutting the map anew …", over=self._said)
+            self._counts.content = _line("Cutting the map anew; until then all shows the map before …", over=self._said)
         self._page.cut_map(self.percent, self.resolution)
 
 
@@ -482,7 +485,7 @@ def changes_between(before: SIMap, after: SIMap) -> tuple[tuple[Change, ...], tu
         kind = _kind_of_change(here, there, float(alike[at]))
         if kind:
             were, are = ([one.name for one in ones] for ones in (here, there))
-            text = difference_text(kind, were, are, (here or there)[0].label, float(alike[at]))
+            text = difference_text(_KINDS.get(kind, kind), were, are, (here or there)[0].label, float(alike[at]))
             corners = np.array([[corner[:2] for corner in one.aabb_m] for one in (*here, *there)])
             x0, y0, x1, y1 = (*corners[:, 0].min(axis=0).tolist(), *corners[:, 1].max(axis=0).tolist())
             change = Change(text, tuple(one.id for one in here), tuple(one.id for one in there), (x0, y0, x1, y1))
@@ -526,9 +529,9 @@ def change_text(before: SIMap, after: SIMap, changes: Sequence[Change], edges: i
     rest = [f"{len(moved) - MAX_MOVED} more of the counts"] if len(moved) > MAX_MOVED else []
     same = [f"{plural(edges, 'outline')} {'is' if edges == 1 else 'are'} slightly different"] if edges else []
     others = [plural(len(changes), "change")] if changes else []
-    more = [f"and {len(changes) - MAX_MOVED} more"] if len(changes) > MAX_MOVED else []
+    more = [f"and {len(changes) - MAX_CHANGES} more"] if len(changes) > MAX_CHANGES else []
     first = ", ".join((*parts, *rest, *others, *same)) or "nothing changed"
-    return "\n".join((first, *(change.text for change in changes[:MAX_MOVED]), *more))
+    return "\n".join((first, *(change.text for change in changes[:MAX_CHANGES]), *more))
 
 
 def _first_mode(simap: SIMap) -> ColorMode:
@@ -559,8 +562,8 @@ def _line(text: str, over: str = "") -> str:
     kept = f'<div style="visibility:hidden">{escape(over)}</div>' if over else ""
     place = f'<div style="position:absolute">{escape(text)}</div>{kept}' if over else escape(text)
     return (
-        '<div role="status" style="padding:.2em .8em .4em;font-size:.88em;font-weight:600;line-height:1.4;'
-        'overflow-wrap:anywhere;white-space:pre-line">'
+        '<div role="status" style="position:relative;padding:.2em .8em .4em;font-size:.88em;font-weight:600;'
+        'line-height:1.4;overflow-wrap:anywhere;white-space:pre-line">'
         f"{place}</div>"
     )
 

@@ -154,6 +154,18 @@ class Viewpoints:
             self._left_by_user = True
             self._put(self._view(extent, self._client.camera.aspect), UP)
 
+    def bring_in(self, extent: Extent) -> None:
+        """Go back to the whole map where a part of the floor is out of sight in the top view."""
+        with self._lock:
+            camera, (xmin, ymin, xmax, ymax) = self._client.camera, extent
+            x, y, height_m = camera.position
+            high_m = height_m * float(np.tan(camera.fov / 2.0))
+            wide_m = high_m * camera.aspect
+            if self.name == TOP and not (
+                x - wide_m <= xmin and xmax <= x + wide_m and y - high_m <= ymin and ymax <= y + high_m
+            ):
+                self._fit()
+
     def look_down(self, extent: Extent | None) -> None:
         """Look straight down on a part of the floor; None: go back to the view that was chosen last."""
         if extent is None:
