@@ -39,7 +39,7 @@ class BuildPanel(Panel):
             lambda: page.frame, lambda: len(self._names) - 1, page.show_frame, lambda: float(self._rate.value)
         )
         self._player = page.players["frames"] = Player(gui, "Play", played)
-        self._rate = gui.add_slider("Frames / s", 1, 30, 1, FRAMES_PER_S, hint="How fast Play goes.")
+        self._rate = gui.add_slider("Rate (per s)", 1, 30, 1, FRAMES_PER_S, hint="How fast Play goes.")
         self._fill = gui.add_checkbox(
             "Map as it was then", page.as_it_was, hint="After the frame that is shown; otherwise the finished map."
         )
@@ -122,7 +122,7 @@ class StepsPanel(Panel):
             played = Played(lambda: self._chosen, lambda: self._finished, self.choose, lambda: float(self._rate.value))
             self._player = page.players["steps"] = Player(gui, "Play the steps", played)
             self._player.button.disabled = True
-            self._rate = gui.add_slider("Steps / s", 1, 60, 1, 12, hint="How fast Play the steps goes.")
+            self._rate = gui.add_slider("Rate (per s)", 1, 60, 1, 12, hint="How fast Play the steps goes.")
             icon = viser.Icon.ARROW_BACK_UP
             self._back = button(gui, "Back to the map", self._go_back, icon=icon, color="gray", visible=False)
 
