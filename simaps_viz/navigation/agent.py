@@ -127,8 +127,8 @@ _GOAL_WORDS = {
     "move_in_between": "between {}",
 }
 """What a goal of a primitive is, of the thing that it is about; of the others, "to {}"."""
-_BACK_M = 0.15
-"""A stop no farther from where the command was given is back there."""
+_BACK_M = 0.6
+"""A stop no farther from where the command was given is back there: the robot may have stood where nothing is free."""
 
 
 def _goal_words(goal: Goal, start: NDArray) -> str:

@@ -488,6 +488,10 @@ def test_what_a_typed_command_would_mean_is_marked_and_nothing_runs(monkeypatch)
         assert marked() == ([], None) and "Not a command yet" in shown(bench)
         types("go to the couch")
         assert marked()[1] == {5}
+        panel.told({"type": "tabs", "open": ["Errors"]})
+        assert marked() == ([], None)  # it is about something else there
+        panel.told({"type": "tabs", "open": ["Command"]})
+        assert page.wait_idle() and marked()[1] == {5}
         types("")
         assert marked() == ([], None)
         types("go to the couch")

@@ -10,7 +10,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from html import escape
 from itertools import zip_longest
-from typing import Literal
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -281,6 +281,7 @@ def _box(title: str, text: str, paper: str) -> str:
     )
 
 
+TITLE = "Command"
 PLACE_HINT = "Set position and heading by two clicks on the map, or put the robot back where it started."
 MIN_HEIGHT_M = 0.1
 FAR_M = 1.0
@@ -876,6 +877,15 @@ class CommandPanel(Panel):
             self._lit, self._dims = ids, dims
             self._draw(None)
             self._page.repaint()
+
+    def told(self, event: dict[str, Any]) -> None:
+        """Draw what a typed command would mean only while its tab is open."""
+        tabs = event.get("open")
+        if event.get("type") == "tabs" and isinstance(tabs, list):
+            if self._previews and TITLE not in tabs:
+                self._unmark()
+            elif TITLE in tabs and not self._previews:
+                self._preview_another()
 
     def selection_changed(self, instance_id: int | None) -> None:
         """Name and outline nothing any longer for an old command or answer, once nothing or another is selected."""
