@@ -15,6 +15,7 @@ from simaps_viz.language.nouns import ALL, IT, LAST, ONE, SAME, SUCH, THAT, Phra
 from simaps_viz.language.orders import EVERYTHING, GRAMMAR, Choose, Do, Repeat, Steps
 from simaps_viz.language.primitives import FUNCTIONS, SELF
 from simaps_viz.language.program import ProgramError, parse_program
+from simaps_viz.language.questions import plain_question
 from simaps_viz.language.tokenizer import Sentence, clauses, is_reason, is_statement, is_wish, plainly, read_words
 from simaps_viz.language.words import AROUND_ORDERS, LACKS, Noun, Vocabulary, plain, plural, singular
 
@@ -306,6 +307,11 @@ def _understood(text: str, vocabulary: Vocabulary, named: Phrase | None = None) 
             with suppress(CommandError):
                 reading = _read(read_words(rest, vocabulary), vocabulary, named)
                 return replace(reading, notes=(f'"{_in_brief(opening)}" is left out: it only opens', *reading.notes))
+        if plain := plain_question(sentence):
+            with suppress(CommandError):
+                reading = _read(read_words(plain, vocabulary), vocabulary, named)
+                if reading.program.startswith("tell("):
+                    return replace(reading, notes=(f'read as "{plain}"', *reading.notes))
         raise
 
 

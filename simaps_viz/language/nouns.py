@@ -35,7 +35,7 @@ _MAX_REPEATED: Final = 120
 _SIDES: Final = ("left", "right", "north", "south", "east", "west", "middle")
 ALL: Final = re.compile(r'things\(("[^"]*")\)')
 IN_ROOM: Final = re.compile(r'inside\(things\("[^"]*"\), (room\("[^"]*"\))\)')
-_VAGUE: Final = re.compile(r'only\((?:things\("[^"]*"\)|‹one›), "([^"]*)"\)')
+_VAGUE: Final = re.compile(r'only\((?:things\("[^"]*"\)|rooms\(\)|‹one›), "([^"]*)"\)')
 _BEST_OF: Final = ("order", True)
 """Said of one thing: "the chair at the table that is nearest to the sofa" is, with one table, the nearest chair."""
 _BEST: Final = re.compile(rf"\b(?:order|nearest|farthest)\({ONE}")
@@ -1360,6 +1360,8 @@ def _noun(name: Noun) -> Noun:
 @_rule("noun", "word:WORD+", cost=1.0)
 def _unknown(word: Sequence[str]) -> Noun:
     said = _named(word)
+    if re.fullmatch(r"\w{4,}ed", word[-1]):  # "how many cups have you registered?"
+        raise CommandError(f'"{word[-1]}"')
     return Noun(singular(said), singular(said), False, count=0)
 
 
@@ -1558,6 +1560,9 @@ def _any(thing: Phrase) -> Phrase:
 
 @_rule("np", "EITHER? thing (COMMA more:thing)* COMMA? OR TO? AT? last:thing", cost=0.1)
 def _either(thing: Phrase, last: Phrase, more: Sequence[Phrase] = ()) -> Phrase:
+    if all(one.many and ALL.fullmatch(one.text) for one in (thing, *more)) and last.text.count(last.base) == 1:
+        # "stools or chairs at the bar": the stools there, too
+        thing, *more = (replace(one, text=last.text.replace(last.base, one.text)) for one in (thing, *more))
     found = united((thing, *more, last))
     # "not at any table or desk"; "the bag, the one on the floor, not the one on the bench or the desk"
     unlike = 0.3 * any(one.base == ONE for one in more)

@@ -296,7 +296,7 @@ def _go_room(room: Phrase) -> Steps:
     return _each("robot.move_to_{0.goal}", [room])
 
 
-@_rule("order", "room")
+@_rule("order", "room !ASKED")
 def _bare_room(room: Phrase) -> Steps:
     """Read "how many laptops are there, all rooms?", which moves nothing."""
     return _go_room(room) if room.text == "room()" else _each("", [room], "")
@@ -1199,6 +1199,7 @@ def _is_it(np: Phrase, relation: Parts = (), adjective: Parts = ()) -> Steps:
 
 
 @_rule("question", "DOES (EVERY | BOTH) (OF | DET)* pre* noun WITH of:np _on_it?", cost=-0.2)
+@_rule("question", "(IS | EXIST) of:np (ON | AT | BY | NEAR | IN) EVERY (OF | DET)* pre* noun", cost=-0.6)
 def _do_all(noun: Noun, of: Phrase, pre: Sequence[Parts] = ()) -> Steps:
     """Read "do all the desks have a lamp?": none is without."""
     every = select(noun, [part for parts in pre for part in parts], every=True)
@@ -1224,6 +1225,16 @@ _rule("compared", "key:MORE")(lambda key: key)
 _rule("compared", "key:SUPER")(lambda key: key)
 _rule("compared", "NEAREST HERE?", "NEAREST _here")(lambda: "near")
 _rule("compared", "FARTHEST AWAY? _here?")(lambda: "far")
+
+
+@_rule("question", "IS HERE (compared TO? | NEAR) a:np THAN TO? b:np", cost=-0.3)
+def _are_you_nearer(a: Phrase, b: Phrase, compared: str = "near") -> Steps:
+    """Read "are you closer to the sink than to the table?"."""
+    if compared not in ("near", "far"):
+        raise CommandError("")
+    sign = "<" if compared == "near" else ">"
+    phrases = (replace(a, many=False), replace(b, many=False))
+    return (Do((f'tell(distance({{0.argument}}) {sign} distance({{1.argument}}), "whether")',), phrases),)
 
 
 @_rule("question", "IS a:np compared (FROM? HERE)? THAN b:np IS?", cost=-0.3)
@@ -1980,6 +1991,7 @@ def _taken(phrase: Phrase, topic: Phrase, group: Phrase, *, told: bool, first: b
         return phrase
     if phrase.text != IT:
         text, base, whole = (one.replace(IT, topic.single) for one in (phrase.text, phrase.base, phrase.whole))
+        text = text.replace("near(", "inside(", topic.is_room)  # "the office: how many chairs does it have?"
         return replace(phrase, text=text, base=base, whole=whole)
     if told:
         return replace(
