@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from simaps_viz.errors import CommandError
 from simaps_viz.language.grammar import Grammar
-from simaps_viz.language.words import ANY, NO_NAMES, Noun, plain, plural, singular
+from simaps_viz.language.words import ANY, AROUND_QUESTIONS, NO_NAMES, Noun, plain, plural, singular
 
 GRAMMAR: Final = Grammar()
 IT: Final = "‹it›"
@@ -1360,7 +1360,7 @@ def _noun(name: Noun) -> Noun:
 @_rule("noun", "word:WORD+", cost=1.0)
 def _unknown(word: Sequence[str]) -> Noun:
     said = _named(word)
-    if re.fullmatch(r"\w{4,}ed", word[-1]):  # "how many cups have you registered?"
+    if word[-1] in AROUND_QUESTIONS["light"]:  # "how many cups have you registered?"
         raise CommandError(f'"{word[-1]}"')
     return Noun(singular(said), singular(said), False, count=0)
 

@@ -854,7 +854,7 @@ def _how_many_fit(relation: Parts) -> Steps:
 
 _OF_THAT_NAME: Final = Phrase(SAME, SAME, "thing")
 _NUMBERED: Final = (
-    "exist:EXIST n:whole np HERE? | exist:EXIST n:whole OF (IT | ONES)",
+    "exist:EXIST n:whole (OF DET)? np HERE? | exist:EXIST n:whole OF (IT | ONES)",
     "(exist:EXIST (ATLEAST | more:MORETHAN | few:LESSTHAN | only:EXACTLY | most:ATMOST) | only:EXISTONLY) n:whole np? "
     "HERE?",
 )
@@ -974,6 +974,13 @@ def _is_there(np: Phrase, exist: str = "is") -> Steps:
     if exist.split(maxsplit=1)[0] not in _ASKS or "count" in exist:  # "there is a chair on your left" asks nothing
         raise CommandError("")
     return _told(np, "whether")
+
+
+@_rule("question", "(DOES | WITH) room WITH n:whole np", cost=-0.5)
+def _does_room_have(room: Phrase, n: int, np: Phrase) -> Steps:
+    """Read "has the kitchen got four chairs?"."""
+    test, phrases = _at_least(n, _changed(np, f"inside({np.whole or np.text}, {room.text})"))
+    return (Do((f'tell({test}, "whether")',), phrases),)
 
 
 @_rule("question", "IS HERE IN room", cost=-0.2)
@@ -1402,7 +1409,8 @@ def _how_far(np: Phrase) -> Steps:
 
 @_rule(
     "question",
-    "HOWFAR AWAY? APART? (IS IT?)? (FROM | BETWEEN)? a:np AWAY? (TO | FROM | AND | UNTIL) b:np APART? | (WHAT IS)? "
+    "HOWFAR AWAY? APART? (IS IT?)? (FROM | BETWEEN)? a:np AWAY? (TO | FROM | AND | UNTIL) b:np APART? | "
+    "HOWFAR AWAY? FROM a:np IS b:np | (WHAT IS)? "
     "DET? DISTANCE (BETWEEN | FROM)? a:np (AND | TO) b:np",
     cost=-0.1,
 )

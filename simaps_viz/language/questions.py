@@ -10,7 +10,7 @@ from simaps_viz.language.grammar import Chart
 from simaps_viz.language.nouns import IT, ONE, SAME, Phrase
 from simaps_viz.language.orders import EVERYTHING, GRAMMAR
 from simaps_viz.language.tokenizer import Sentence
-from simaps_viz.language.words import AROUND_ORDERS, AROUND_QUESTIONS
+from simaps_viz.language.words import AROUND_ORDERS, AROUND_QUESTIONS, NUMBERS
 
 _PUT_AS: Final = {
     "HOWMANY": "how many {} are there?",
@@ -33,7 +33,7 @@ _STRANDED: Final = frozenset(["from", "with", "up", "of", "by", "at"])
 """What a question may end with."""
 _PUTTING: Final = frozenset(["leave", "put", "keep", "hide", "store", "place", "drop", "lay", "set", "go", "get"])
 """What was done with what is looked for; said of today, it asks where to put it."""
-_FINDING: Final = tuple((verb,) for verb in ("find", "get", "see", "look", "have", "go", "keep"))
+_FINDING: Final = tuple((verb,) for verb in ("find", "get", "see", "look", "have", "go", "keep", "might", "may"))
 """What one does."""
 _LEFT: Final = frozenset(["left", "forgot", "forgotten"])
 _WISHED: Final = frozenset(["need", "want", "like"])
@@ -109,7 +109,7 @@ def _asks(sentence: Sentence, at: int) -> tuple[str, int]:
     words = sentence.words
     ends = {edge.kind: edge.end for edge in sentence.edges[at]}
     if words[at] in ("which", "what"):
-        of = next((i for i in range(at + 1, len(words)) if words[i] not in ("of", "the", "all")), at)
+        of = next((i for i in range(at + 1, len(words)) if words[i] not in ("of", "the", "all", *NUMBERS)), at)
         if words[of] in ("room", "rooms"):
             return "ROOM", of + 1
     if words[at] in _CALLED:
