@@ -11,6 +11,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.colors.classes import plural
 from simaps_viz.errors import CommandError, InputError, PlanningError
 from simaps_viz.language.commands import Reading, instead, read_command
 from simaps_viz.language.interpreter import Budget, BudgetError, interpret
@@ -149,8 +150,8 @@ def _several(words: str, goals: Sequence[Goal]) -> str:
     """Return the words of goals that follow one another, which all have the same."""
     if goals[0].primitive == "move_to" and goals[0].label and len(goals) > 2:
         return f"around the {goals[0].label}"
-    things = {goal.instance for goal in goals}
-    return f"{words}, {len(things)} of them" if words and len(things) > 1 else words
+    things, label = {goal.instance for goal in goals}, goals[0].label
+    return words.replace(f"the {label}", plural(len(things), label)) if label and len(things) > 1 else words
 
 
 @dataclass(frozen=True, eq=False)

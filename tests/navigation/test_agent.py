@@ -445,7 +445,7 @@ def test_goals_know_in_words_what_was_chosen(simap) -> None:
             " of the couch, as the robot sees it, ",
         ),
         ("robot.face('couch')", "Facing the couch, without driving, at x 0.50 m, y 0.50 m, heading "),
-        ("for one in things('chair'):\n    robot.move_to_object(one)", "To the chair, 3 of them, a path of "),
+        ("for one in things('chair'):\n    robot.move_to_object(one)", "To 3 chairs, a path of "),
         ("for point in lap('dining table'):\n    robot.move_to(point)", "Around the dining table, a path of "),
         ("robot.turn(90)", "Without driving, at x 0.50 m, y 0.50 m, heading 180° (south) in the end."),
     ],
