@@ -68,7 +68,7 @@ def match_frames(
     of_all = dict.fromkeys(frame for part in parts.values() for frame in part)
     candidates = [frame for frame in next(iter(parts.values())) if all(frame in part for part in parts.values())]
     if not candidates:
-        found = ", ".join(f"{len(part)} {kind}s" for kind, part in parts.items())
+        found = ", ".join(f"{len(part)} {kind}s ({few(list(part)[:4])})" for kind, part in parts.items())
         raise InputError(f"{where}: expected frames with {', '.join(parts)}, found none that has all among {found}")
     faults = [
         fault
@@ -164,13 +164,17 @@ def interpolate_poses(
 
 
 def match_posed_files(
-    pose_file: Path, file_of: Mapping[str, Callable[[str], Path]]
+    pose_file: Path,
+    file_of: Mapping[str, Callable[[str], Path]],
+    *,
+    checked: Callable[[str, NDArray], NDArray] | None = None,
 ) -> tuple[Matched[str], list[list[Path]]]:
     """Match files that are called after their frame with a file of frame names and poses (`calibration.pose_rows`).
 
     Args:
         pose_file: a line a frame: its name and 16 numbers.
         file_of: {what it is: the file of a frame}.
+        checked: as for `match_frames`; None means poses as the format states them, with no camera far away.
 
     Returns:
         The frames that have everything, and of each kind their files.
@@ -181,9 +185,10 @@ def match_posed_files(
     rows = {name: (f"{place}, frame {name}", found) for name, (place, found) in pose_rows(pose_file).items()}
     files = {kind: present({name: named(name) for name in rows}) for kind, named in file_of.items()}
     matched = match_frames(
-        pose_file, files, rows, lambda row: matrix16(*row), place=lambda row: row[0], checked=stated_pose
+        pose_file, files, rows, lambda row: matrix16(*row), place=lambda row: row[0], checked=checked or stated_pose
     )
-    check_reach([rows[name][0] for name in matched.frames], matched.poses)
+    if checked is None:
+        check_reach([rows[name][0] for name in matched.frames], matched.poses)
     return matched, [[of_kind[name] for name in matched.frames] for of_kind in files.values()]
 
 

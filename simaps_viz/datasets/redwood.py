@@ -1,6 +1,7 @@
 """Read Redwood's recordings and those of Open3D's reconstruction system: pictures and poses in a ``.log`` file."""
 
 import json
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from simaps_viz.datasets.association import read_lines
 from simaps_viz.datasets.calibration import Lens, matrix_lens, numbers, rigid, words
 from simaps_viz.datasets.file_frames import FileFrames, depth_png, json_number, numbered
 from simaps_viz.datasets.images import image_size
-from simaps_viz.datasets.manifest import is_finite_number, read_json, shown
+from simaps_viz.datasets.manifest import few, is_finite_number, read_json, shown
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, left_out
 from simaps_viz.errors import InputError
 
@@ -88,24 +89,52 @@ def _poses(log: Path) -> tuple[dict[int, NDArray], tuple[str, ...]]:
     The first of the three numbers before a matrix is the picture's. Where those are no picture's numbers (all the
     same, as some programs write), poses are in the pictures' order.
     """
-    lines = words(log)
+    blocks = _blocks(words(log))
+    if not blocks:
+        raise InputError(f"{log}: expected five lines a pose, found none")
 
-    def read(start: int) -> tuple[int, float, NDArray]:
-        (line, head), *rows = lines[start : start + 5]
+    def read(block: tuple[int, list[tuple[int, list[str]]]]) -> tuple[int, float, NDArray]:
+        place, lines = block
+        (line, head), *rows = lines
         where = f"{log}, line {line}"
-        if len(head) not in (1, 2, 3) or [len(row) for _, row in rows] != [4, 4, 4, 4]:
+        if len(head) > 3 or [len(row) for _, row in rows] != [4, 4, 4, 4]:
             raise InputError(f"{where}: expected three numbers and a 4x4 matrix, found something else")
         number = float(numbers(where, head, finite=True)[0])
         T = np.array([numbers(f"{log}, line {n}", row) for n, row in rows])
-        return start // 5, number, rigid(where, T) if np.isfinite(T).all() else T
+        return place, number, rigid(where, T) if np.isfinite(T).all() else T
 
-    if not lines:
-        raise InputError(f"{log}: expected five lines a pose, found none")
-    poses, damaged = read_lines(range(0, len(lines), 5), read)
-    named = [number for _, number, _ in poses]
-    own = len(set(named)) == len(named) and all(n.is_integer() and n >= 0 for n in named)
+    poses, damaged = read_lines(blocks, read)
+    named = Counter(number for _, number, _ in poses)
+    own = 2 * len(named) > len(poses) and all(n.is_integer() and n >= 0 for n in named)
+    if own:  # which of two that name the same picture is wrong cannot be told
+        twice = [number for number, count in named.items() if count > 1]
+        poses = [pose for pose in poses if named[pose[1]] == 1]
+        which = f"poses name a picture that another one names, too ({few([int(n) for n in twice])})"
+        damaged += left_out(len(blocks) - len(poses) if twice else 0, len(blocks), which)
     by_number = {int(number) if own else place: T for place, number, T in poses}
     return dict(sorted(by_number.items())), damaged
+
+
+def _complete(lines: list[tuple[int, list[str]]], start: int) -> bool:
+    """Whether a pose starts here: up to three numbers, then rows of four numbers, none missing and none too many."""
+    if start == len(lines) or len(lines[start][1]) > 3:
+        return False
+    end = next((i for i in range(start + 1, len(lines)) if len(lines[i][1]) != 4), len(lines))
+    return end > start + 1 and (end - start - 1) % 4 == 0  # the line before the next matrix may be missing
+
+
+def _blocks(lines: list[tuple[int, list[str]]]) -> list[tuple[int, list[tuple[int, list[str]]]]]:
+    """Split a log into (place, lines) of each pose; one that lacks a line ends where the next complete one begins."""
+    blocks, start, place = [], 0, 0
+    while start < len(lines):
+        if _complete(lines, start):
+            end = start + 5
+        else:
+            end = next((i for i in range(start + 1, len(lines)) if _complete(lines, i)), len(lines))
+        blocks.append((place, lines[start:end]))
+        place += max(1, round((end - start) / 5))
+        start = end
+    return blocks
 
 
 def _camera(path: Path, size: tuple[int, int]) -> tuple[Lens, float, tuple[str, ...]]:

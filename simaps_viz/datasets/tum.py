@@ -60,7 +60,7 @@ NUMBERED_COLUMNS = (7, 12, 16)
 NAMED_COLUMNS = 17
 """Words in the lines of posed-frames/1: a frame's name and a matrix. Without a manifest it is no recording."""
 PICTURES, DEPTH_IMAGES = ("color", "rgb", "images"), "*.p[ng][gm]"
-MATRICES = ("intrinsics.txt", "K.txt")
+MATRICES = ("intrinsics.txt", "intrinsic.txt", "K.txt")
 LISTS = ("associations.txt", "*assoc*.txt", "rgb-depth*.txt")
 """Names that people give what associate.py prints; the first that is there counts."""
 TRAJECTORIES = ("groundtruth.txt", "CameraTrajectory.txt", "KeyFrameTrajectory.txt", "trajectory.txt")
@@ -309,8 +309,9 @@ def camera_of(
 ) -> tuple[Lens, float, str]:
     """Return the camera of a folder's pictures, the unit of its depth in metres, and who says so.
 
-    Looked at in this order: ``intrinsics.txt`` or ``K.txt`` (3x3), ``calibration.txt`` (fx fy cx cy, as ETH3D writes
-    it), settings of ORB-SLAM (``*.yaml``), and the recording that the head of ``rgb.txt`` names, or the folder's name.
+    Looked at in this order: ``intrinsics.txt``, ``intrinsic.txt`` or ``K.txt`` (3x3), ``calibration.txt`` (fx fy cx cy,
+    as ETH3D writes it), settings of ORB-SLAM (``*.yaml``), and the recording that the head of ``rgb.txt`` names, or the
+    folder's name.
     No camera is made up: a wrong one gives a map that looks right.
 
     Args:

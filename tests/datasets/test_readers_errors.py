@@ -135,6 +135,15 @@ def test_faults(tmp_path: Path, writer, change: Change, names: str, expected: st
     assert capfd.readouterr() == ("", ""), "decoders say nothing of their own"
 
 
+def test_frames_of_other_names_are_shown(tmp_path: Path) -> None:
+    """Poses that are not the camera's: `frame-object-000000.pose.txt`, as in wangziyang182/3DMatching."""
+    path = bundle_fusion(tmp_path).path
+    for file in path.glob("frame-*.pose.txt"):
+        file.rename(path / file.name.replace("frame-", "frame-object-"))
+    with pytest.raises(InputError, match=r"poses \(frame-object-000000, frame-object-000001, "):
+        open_sequence(path)
+
+
 ONE_BAD: list[tuple[Callable[[Path], Sample], Change, int, str]] = [
     (tum, remove("depth/100.100000.png"), 1, "1 of 5 files of depth.txt are not there (100.100000.png): left out"),
     (seven_scenes, remove("frame-000002.pose.txt"), 2, "1 of 4 frames have no pose (frame-000002): left out"),
@@ -179,6 +188,9 @@ ONE_BAD: list[tuple[Callable[[Path], Sample], Change, int, str]] = [
     (matrix_lines, lines("poses.txt", lambda x: [*x[:-1], x[-1][:9]]), 3, "poses.txt, line 4: expected "),
     (kitti360, lines(KITTI_POSES, lambda x: [x[0], x[1][:12], *x[2:]]), 1, "cam0_to_world.txt, line 2: expected 17"),
     (redwood, lines("scene/trajectory.log", lambda x: x[:-1]), 3, "1 of 4 poses are damaged"),
+    (redwood, lines("scene/trajectory.log", lambda x: [*x[:7], *x[8:]]), 1, "1 of 4 poses are damaged"),
+    (redwood, lines("scene/trajectory.log", lambda x: [*x[:5], *x[6:]]), 1, "trajectory.log, line 6: expected three"),
+    (redwood, lines("scene/trajectory.log", lambda x: [*x[:7], x[6], *x[7:]]), 1, "1 of 4 poses are damaged"),
     (redwood, lines("scene/trajectory.log", lambda x: [*x[:7], "1 0", *x[8:]]), 1, "trajectory.log, line 6: expected "),
     (stray_scanner, lines("odometry.csv", lambda x: [*x[:2], x[2][:9], *x[3:]]), 1, "odometry.csv, line 3: expected "),
 ]  # fmt: skip

@@ -148,6 +148,7 @@ ORB3 = (
         ("calibration.txt", "726.3 726.3 354.6 186.5\n", 726.3, 0.0002),
         ("orb.yaml", ORB3 + "RGBD.DepthMapFactor: 4000.0\n", 500.0, 0.00025),
         ("intrinsics.txt", "600 0 320\n0 600 240\n0 0 1\n", 600.0, 0.0002),
+        ("intrinsic.txt", "#fx 0 cx\n#0 fy cy\n#0 0 1\n518.0 0 325.5\n0 519.0 253.5\n0 0 1", 518.0, 0.0002),
     ],
 )
 def test_who_says_which_camera_it_was(tmp_path, name, content, focal, unit_m):
@@ -319,6 +320,26 @@ def test_logs_whose_heads_name_no_picture(tmp_path, head):
     (path / "color/000004.png").rename(path / "color/later.txt")
     sequence = open_sequence(path)
     np.testing.assert_allclose(sequence.poses, [LEANING.pose(i) for i in range(FRAMES)], atol=1e-9)
+
+
+@pytest.mark.parametrize("gone", [5, 7, 9])
+def test_a_line_missing_of_a_log_whose_heads_name_no_picture_costs_one_pose(tmp_path, gone):
+    path = redwood(tmp_path).path
+    poses = "\n".join("0 0 1\n" + "\n".join(map(row, LEANING.pose(i))) for i in range(FRAMES)).splitlines()
+    (path / "scene/trajectory.log").write_text("\n".join(poses[:gone] + poses[gone + 1 :]))
+    (path / "color/000004.png").unlink()
+    sequence = open_sequence(path)
+    assert sequence.frame_names == ("000000", "000002", "000003")
+    np.testing.assert_allclose(sequence.poses, [LEANING.pose(i) for i in (0, 2, 3)], atol=1e-9)
+
+
+def test_poses_of_a_log_that_name_the_same_picture_are_left_out(tmp_path):
+    path = redwood(tmp_path).path
+    log = path / "scene/trajectory.log"
+    log.write_text(log.read_text().replace("3 3 4", "2 3 4"))
+    sequence = open_sequence(path)
+    assert sequence.frame_names == ("000000", "000004")
+    assert any("2 of 4 poses name a picture that another one names, too (2)" in note for note in sequence.notes)
 
 
 def edit(path: Path, **keys: object) -> None:
