@@ -8,7 +8,7 @@ are here too, with what each takes to become ``T_world_camera``, and which frame
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 from itertools import permutations, product
 from pathlib import Path
 
@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.checking.agreement import Views, relative_poses, residuals
-from simaps_viz.datasets.association import interpolate_poses
-from simaps_viz.datasets.calibration import camera_matrix, matrix16, pose_rows
+from simaps_viz.datasets.association import interpolate_poses, match_posed_files
+from simaps_viz.datasets.calibration import camera_matrix
 from simaps_viz.datasets.file_frames import MAX_STEP, check_size
 from simaps_viz.datasets.images import read_color, read_depth
 from simaps_viz.datasets.manifest import Manifest, read_manifest
@@ -182,6 +182,8 @@ class Recording:
     """The file with a frame's depth image and nothing else, if there is one."""
     source: SourceRecording | None = None
     """What its reader returned; None for posed-frames/1, whose files are read as they are."""
+    notes: tuple[str, ...] = ()
+    """What was left out, in words."""
 
     def __len__(self) -> int:
         return len(self.names)
@@ -222,18 +224,19 @@ def as_recording(source: SourceRecording) -> Recording:
         path=source.path, name=source.name, names=source.frame_names, matrices=source.poses,
         camera=np.array([k.fx, k.fy, k.cx, k.cy]), color_size=size, depth_size=size, unit_m=unit_m,
         depth_steps=depth_steps, color=source.color, up=source.facts.up, floor_height_m=source.floor_height_m,
-        depth_file=depth_file, source=source,
+        depth_file=depth_file, source=source, notes=(*source.notes, *source.faults),
     )  # fmt: skip
 
 
 def _posed_frames(manifest: Manifest) -> Recording:
     """Read the pose and intrinsics files and the size of the first images."""
-    names, matrices = _read_matrices(manifest.file(manifest.poses))
+    files = {
+        "colour file": partial(manifest.file, manifest.color),
+        "depth file": partial(manifest.file, manifest.depth),
+    }
+    matched, _ = match_posed_files(manifest.file(manifest.poses), files, checked=_orthonormal)
+    names = tuple(matched.frames)
     camera = _read_camera(manifest.file(manifest.intrinsics))
-    missing = [n for n in names for p in (manifest.color, manifest.depth) if not manifest.file(p, n).is_file()]
-    if missing:
-        folder = manifest.file(manifest.depth, missing[0])
-        raise InputError(f"{folder}: expected colour and depth of {len(names)} frames, missing are {len(set(missing))}")
 
     def color(index: int) -> NDArray:
         return read_color(manifest.file(manifest.color, names[index]))
@@ -254,21 +257,21 @@ def _posed_frames(manifest: Manifest) -> Recording:
         return steps
 
     return Recording(
-        path=manifest.path, name=manifest.name, names=names, matrices=matrices, camera=camera,
+        path=manifest.path, name=manifest.name, names=names, matrices=matched.poses, camera=camera,
         color_size=color_size, depth_size=depth_size, unit_m=manifest.depth_unit_m, depth_steps=depth_steps,
         color=color, up=manifest.up, floor_height_m=manifest.floor_height_m, depth_file=depth_file,
+        notes=(*matched.notes, *matched.faults),
     )  # fmt: skip
 
 
-def _read_matrices(path: Path) -> tuple[tuple[str, ...], NDArray]:
-    rows = {name: (where, matrix16(where, found, finite=True)) for name, (where, found) in pose_rows(path).items()}
-    for name, (where, matrix) in rows.items():
-        if np.allclose(matrix[:, 3], (0, 0, 0, 1), atol=1e-6) and not np.allclose(matrix[3], (0, 0, 0, 1), atol=1e-6):
-            raise InputError(f"{where}: expected 0 0 0 1 as the last row, found the matrix written column by column")
-        rotation = matrix[:3, :3]
-        if np.abs(rotation @ rotation.T - np.eye(3)).max() > ORTHONORMAL:
-            raise InputError(f"{where}, frame {name}: expected an orthonormal rotation, found none")
-    return tuple(rows), np.stack([matrix for _, matrix in rows.values()])
+def _orthonormal(where: str, matrix: NDArray) -> NDArray:
+    """Return a pose as it is written, which may be mirrored or inverted; raises InputError for one that is damaged."""
+    if np.allclose(matrix[:, 3], (0, 0, 0, 1), atol=1e-6) and not np.allclose(matrix[3], (0, 0, 0, 1), atol=1e-6):
+        raise InputError(f"{where}: expected 0 0 0 1 as the last row, found the matrix written column by column")
+    rotation = matrix[:3, :3]
+    if np.abs(rotation @ rotation.T - np.eye(3)).max() > ORTHONORMAL:
+        raise InputError(f"{where}: expected an orthonormal rotation, found none")
+    return matrix
 
 
 def _read_camera(path: Path) -> NDArray:

@@ -101,6 +101,7 @@ class Diagnosis:
             "frames": len(self.recording),
             "ok": self.ok,
             "agreement": round(self.before.share, 4),
+            "notes": list(self.recording.notes),
             "findings": [finding.to_json() for finding in self.findings],
             "correction": self.correction.to_json() if self.correction else None,
             "estimated": self.level.to_json() if self.level else None,
@@ -583,6 +584,7 @@ def _text(diagnosis: Diagnosis, written: Path | None, fix: bool) -> str:
     recording = diagnosis.recording
     agree = f"s, neighbours agree on {diagnosis.before.percent()} %" if len(recording) > 1 else ""
     lines = [f"{recording.path}: {len(recording)} frame{agree}"]
+    lines += [f"note: {note}" for note in recording.notes]
     lines += [f"{finding.severity}: {finding.message}" for finding in diagnosis.findings]
     if diagnosis.ok:
         lines.append("usable" + (", with the remarks above" if diagnosis.findings else ""))

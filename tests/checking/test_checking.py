@@ -357,7 +357,7 @@ def test_every_convention_is_undone_by_its_own_reading() -> None:
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("000 1 0 0", "line 1: expected 16 numbers, found 3"),
+        ("000 1 0 0", "line 1, frame 000: expected 16 numbers, found 3"),
         ("000 " + "1 " * 16, "expected an orthonormal rotation"),
         ("000 1 0 0 nan 0 1 0 0 0 0 1 0 0 0 0 1", "expected finite numbers"),
         ("000 1 0 0 0 0 1 0 0 0 0 1 0 1 2 3 1", "column by column"),
@@ -369,6 +369,37 @@ def test_what_cannot_be_worked_with(room: Path, tmp_path: Path, content: str, me
     (folder / "poses.txt").write_text(content)
     with pytest.raises(InputError, match=message):
         open_recording(folder)
+
+
+def as_written(text: str) -> list[str]:
+    """The lines of a pose file, of millimetres: positions are for the check to judge, not a camera far away."""
+    rows = [line.split() for line in text.splitlines()]
+    for one in rows:
+        one[4::4] = [f"{float(value) * 1e6:g}" for value in one[4:13:4]] + one[16:]
+    return [" ".join(one) for one in rows]
+
+
+DAMAGED = {
+    "cut off": (lambda name, numbers: f"{name} {numbers[:20]}", "16 numbers"),
+    "no rotation": (lambda name, _: name + " 7" * 16, "orthonormal"),
+    "NaN": (lambda name, _: name + " nan" * 16, "finite numbers"),
+    "no picture": (lambda name, numbers: f"{name}-later {numbers}", "colour file"),
+}
+
+
+@pytest.mark.parametrize("kind", DAMAGED)
+def test_one_bad_item_costs_one_frame(kind: str, room: Path, tmp_path: Path, capsys) -> None:
+    change, words = DAMAGED[kind]
+    folder = spoiled_copy(room, tmp_path / "spoiled", Spoiling())
+    whole = open_recording(folder)
+    rows = as_written((folder / "poses.txt").read_text())
+    (folder / "poses.txt").write_text("\n".join([rows[0], change(*rows[1].split(" ", 1)), *rows[2:]]))
+    found = open_recording(folder)
+    assert found.names == (whole.names[0], *whole.names[2:])
+    assert words in found.notes[0] and f"1 of {len(whole)}" in found.notes[0]
+    np.testing.assert_allclose(found.matrices[:, :3, :3], np.delete(whole.matrices, 1, axis=0)[:, :3, :3], atol=1e-9)
+    main(["check", str(folder)])
+    assert f"note: {found.notes[0]}" in capsys.readouterr().out
 
 
 def run_json(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[int, dict[str, Any]]:
