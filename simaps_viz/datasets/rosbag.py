@@ -285,7 +285,7 @@ class Bag:
                 raise InputError(f"{path}: expected a ROS bag, found {found}") from error
 
     def _open_mcap(self) -> str:
-        """Open an MCAP file that rosbags does not read; return what is wrong with it, "" when rosbags said so."""
+        """Open an MCAP file that rosbags does not read; return what is wrong with it, "" as rosbags said."""
         from simaps_viz.datasets.mcap import McapReader  # noqa: PLC0415 - as above
 
         try:
@@ -294,7 +294,7 @@ class Bag:
             return one_line(error) if isinstance(error, MemoryError) else ""
         if not any(topic.msgcount for topic in reader.topics.values()):
             reader.close()
-            return ""
+            return "no messages of ROS or of Foxglove's schemas"
         self._reader, self.topics = reader, reader.topics
         self.notes = () if reader.finished else ("the file has no end: it was cut short, and is read up to there",)
         return ""

@@ -66,6 +66,13 @@ def test_files_that_hold_nothing(tmp_path: Path, data: bytes) -> None:
         open_sequence(tmp_path / "drive.mcap")
 
 
+def test_a_file_of_other_messages_is_called_so(tmp_path: Path) -> None:
+    """Messages of ships, as in RISE-Maritime/keelson."""
+    (tmp_path / "drive.mcap").write_bytes(mcap([(0.0, "ais", "json", "Position", "jsonschema", "{}", b"{}")]))
+    with pytest.raises(InputError, match="found no messages of ROS or of Foxglove's schemas"):
+        open_sequence(tmp_path / "drive.mcap")
+
+
 def test_a_damaged_file_does_not_stay_open(tmp_path: Path) -> None:
     path = tmp_path / "drive.mcap"
     data = bytearray(mcap(of_ros1(), "zstd"))
