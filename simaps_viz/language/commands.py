@@ -411,7 +411,7 @@ def _without_asides(text: str, vocabulary: Vocabulary) -> Iterator[_Aside]:
             out or (is_wish(clause) and not _is_driven(sent))
             for out, clause, sent in zip(stated, said, sentences, strict=True)
         ]
-        wished[-1] = stated[-1]
+        wished[-1] &= stated[-1] or not _names_things(sentences[-1])
         # What is there stays, if it can be read: "we have two sofas here; go to the longer one, it fits three".
         there = [any(edge.kind == "EXIST" for here in sent.edges[:2] for edge in here) for sent in sentences]
         less = [out or (one and not is_there) for out, one, is_there in zip(talk, stated, there, strict=True)]

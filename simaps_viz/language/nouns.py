@@ -188,7 +188,7 @@ def select(noun: Noun | None, parts: Iterable[Part], *, every: bool = False, som
     if count is not None and not 1 <= count <= MAX_COUNT:
         raise CommandError(f"from 1 to {MAX_COUNT} things can be visited, found {count}")
     _check_counted(parts, rank, count, several=is_plural)
-    _check_added(parts)
+    _check_added(parts, several=(count or 1) > 1)
     parts = tuple(_seated(part, noun) if part.kind == "near" and part.phrase else part for part in parts)
     base, word, notes, others = _based(noun, max(abs(rank or 1), count or 1, 2 if is_plural or parts else 1))
     # "The cup on the table" may stand on any table; "the cups on the table", and a question, mean the nearest table.
@@ -328,11 +328,13 @@ def _check_counted(parts: Parts, rank: int | None, count: int | None, *, several
         raise CommandError("from which end of the row is counted was not said")
 
 
-def _check_added(parts: Parts) -> None:
-    """Raise where a thing has two colours: "the red chair, the green one" are two things."""
+def _check_added(parts: Parts, *, several: bool) -> None:
+    """Raise where a thing has two colours: "the red chair, the green one" are two things; or two things have one."""
     filters = [part for part in parts if part.kind == "filter"]
     added = [part.text.partition("(")[0] for part in filters if part.number]
-    if len(added) > 1 or any(part.text.startswith(name) and not part.number for part in filters for name in added):
+    if len(added) > (not several) or any(
+        part.text.startswith(name) and not part.number for part in filters for name in added
+    ):
         raise CommandError("")
 
 
@@ -1156,7 +1158,8 @@ def _having_no_more(n: int, np: Phrase, only: str = "", most: str = "", few: str
 
 @_rule(
     "relation",
-    "WITH BOTH a:np AND b:np _on_it? | WITH a:np _on_it? AND b:np _on_it | WITH a:np _on_it AND b:np | "
+    "WITH BOTH a:np AND b:np _on_it? | WITH a:np AND !(DET | INDEF | EVERY | _number) b:np _on_it? | "
+    "WITH a:np _on_it? AND b:np _on_it | WITH a:np _on_it AND b:np | "
     "WHERE a:np AND b:np IS+",
     cost=-0.3,
 )
@@ -1213,9 +1216,9 @@ def _most(key: str, np: Phrase) -> Parts:
     return (Part("order", key, np.argument, phrase=np),)
 
 
-@_rule("relation", "WITHOUT np _on_it?")
-def _without(np: Phrase) -> Parts:
-    return _filter(f"without({{}}, {np.argument})", np)
+@_rule("relation", "WITHOUT np _on_it?", "WHERE NUMBER np IS+", "WITH NEITHER np NOR more:np _on_it?")
+def _without(np: Phrase, more: Phrase | None = None) -> Parts:
+    return tuple(p for one in (np, more) if one for p in _filter(f"without({{}}, {one.argument})", one))
 
 
 @_rule("relation", "(WITHOUT ANYTHING | WITH NOTHING) _on_it? | (WHERE | THAT)? NOTHING IS? (ON | AT | IN)?", cost=-0.3)
@@ -1455,9 +1458,9 @@ def _elided(pre: Sequence[Parts], post: Sequence[Parts] = ()) -> Phrase:
     return select(None, (*_flat(pre), *_flat(post)))
 
 
-@_rule("thing", "_dets pre* of:NOUN (noun:NOUN | noun:NOUNS) post*", cost=0.6)
+@_rule("thing", "_dets pre* of:NOUN POSS? (noun:NOUN | noun:NOUNS) post*", cost=0.6)
 def _compound(of: Noun, noun: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
-    """Read "the desk chair": the chair nearest the desk; "the bar counter" is one thing by two names."""
+    """Read "the desk chair", "the desk's chair": the chair nearest the desk; "the bar counter" is one thing."""
     if of.label == noun.label:
         return select(noun, (*_flat(pre), *_flat(post)))
     note = f'"{of.spoken} {noun.spoken}" is read as the {noun.spoken} nearest the {of.spoken}'
@@ -1569,7 +1572,7 @@ def _either(thing: Phrase, last: Phrase, more: Sequence[Phrase] = ()) -> Phrase:
     return replace(found, penalty=0.15 if "minus(" in thing.text else unlike)
 
 
-@_rule("np", "EITHER? a:thing (AND | OR) TO? b:thing COMMA? key:WHICHEVER", cost=-0.2)
+@_rule("np", "EITHER? a:thing (AND | OR) TO? b:thing COMMA? key:WHICHEVER (TO? HERE)?", cost=-0.2)
 @_rule("np", "key:WHICHEVER COMMA? OF? a:thing (AND | OR) TO? b:thing", cost=-0.2)
 def _whichever(a: Phrase, b: Phrase, key: str) -> Phrase:
     """Read "the laptop or the keyboard, whichever is closer"."""

@@ -1,7 +1,7 @@
 """Orders and questions: verb phrases over noun phrases, and what joins them, to the steps of a program."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Final
@@ -117,7 +117,8 @@ for _name, _size in _METRES.items():
 
 @_rule(
     "distance",
-    "n:amount? unit | n:NUM | DET? half:HALF OF? DET? unit | (INDEF | OTHER) SIZE? (half:HALF (OF? DET)?)? unit | "
+    "n:amount? SIZE? unit | n:NUM | "
+    "DET? half:HALF OF? DET? unit | (INDEF | OTHER) SIZE? (half:HALF (OF? DET)?)? unit | "
     "(n:amount | DET)? quarter:QUARTER (OF DET)? "
     "unit | few:SLIGHTLY | n:amount unit AND DET? half:HALF",
 )
@@ -170,7 +171,7 @@ _words("_revolution", "DET? (TURN | CIRCLE)")
 
 # ---- going to things and rooms
 
-_words("_prep", "TO | TOWARD | NEAR | AT | BY | ON | FOR | FORWARD | BACK | IN | UNTIL | ONLY")
+_words("_prep", "TO | TOWARD | NEAR | AT | BY | ON | FOR | FORWARD | BACK | IN | UNTIL (HERE IS)? | ONLY")
 _words("_goer", "GO OVER? (AND? STAND)? | STAND (FOR HERE)? | TAKE | RETURN")
 _words("_place", "DET* POINT")
 _words("_go", "_goer _prep* | APPROACH _prep* | _prep+")
@@ -211,14 +212,6 @@ def _go_tersely(verb: str, noun: Noun) -> Steps:
     return _go_to((select(noun, ()),))
 
 
-@_rule("order", "one:np first:ORD (COMMA? AND? THEN? np n:ORD)+", cost=-0.2)
-def _go_as_numbered(one: Phrase, first: int, np: tuple[Phrase, ...], n: tuple[int, ...]) -> Steps:
-    """Read "toilet first, suitcase second, refrigerator last"."""
-    if [first, *n] not in ([*range(1, len(n) + 2)], [*range(1, len(n) + 1), -1]):
-        raise CommandError("")
-    return _go_to((one, *np))
-
-
 @_rule("order", "_goer (BY | NEAR | AT)+ IT", cost=-0.05)
 def _go_by() -> Steps:
     """Read "there are boxes under the bench. Stand by them": one place will do."""
@@ -232,7 +225,10 @@ def _want_to_use(targets: tuple[Phrase, ...]) -> Steps:
 
 
 @_rule(
-    "order", "(PASS | _go) via:targets COMMA? ONWAY targets", "ONWAY targets COMMA? (PASS | _go) via:targets", cost=-0.6
+    "order",
+    "(PASS | HANDS | _go) via:targets IN? COMMA? ONWAY targets",
+    "ONWAY targets COMMA? (PASS | _go) via:targets",
+    cost=-0.6,
 )
 @_rule("order", "_go targets COMMA? VIA via:targets", "_go VIA via:targets TO targets", cost=-0.6)
 def _on_the_way(via: tuple[Phrase, ...], targets: tuple[Phrase, ...]) -> Steps:
@@ -428,6 +424,7 @@ def _go_off(distance: Measure, np: Phrase, beside: str = "front", back: str = ""
     "(STAND | KEEP) distance SHORT",
     "BUT? KEEP distance (OF (BERTH | DISTANCE))?",
     "(STAND EXIST | (KEEP | GIVE) ATLEAST?) distance (OF (BERTH | DISTANCE))? BETWEEN (HERE AND IT | IT AND HERE)",
+    "TO? IN distance (OF IT)?",
     "(KEEP | GIVE | STAND) ATLEAST? (distance (OF DISTANCE)? | DET? DISTANCE OF distance) (_away IT)?",
     "(STAND | GO)? NOCLOSER THAN distance ((TO | FROM) IT)?",
     cost=-0.3,
@@ -498,9 +495,11 @@ _rule("round", "way")(lambda way: -1.0 if way == "left" else 1.0)
 def _circle(
     targets: tuple[Phrase, ...], times: int = 1, n: Any = 1, half: Any = (), round: float = 1.0, lap: str = ""
 ) -> Steps:
-    if "tour" in lap and any(phrase.many for phrase in targets):  # of all plants: each is visited
+    if lap.endswith(("tour", " of")) and any(phrase.many for phrase in targets):  # of all plants: each is visited
         raise CommandError("")
     number = max(times, *n) if isinstance(n, tuple) else max(times, n)
+    if targets[0].is_room:  # "go round all the rooms"
+        return _go_to(targets)
     turns = round * (0.5 if half else number)
     if not 0 < number <= _MAX_LAPS:
         raise CommandError(f"up to {_MAX_LAPS} laps can be driven, found {number:g}")
@@ -600,8 +599,9 @@ _words("_looking", "(GO | STAND)? FACE | LOOK | LOOK _prep+ | FACE _prep+ | TURN
 
 @_rule(
     "order",
-    "_looking targets (COMMA? STILL)? | _turning AROUND? (TO | TOWARD)+ _looking? targets | _turning way? AROUND? "
-    "UNTIL HERE? (SEE | LOOK AT? | FACE) targets | _turning way? AROUND? UNTIL targets IS "
+    "(_looking targets (COMMA? STILL)? | APPROACH targets COMMA? STILL) | "
+    "_turning AROUND? (TO | TOWARD)+ _looking? targets | _turning way? AROUND? "
+    "UNTIL HERE? (SEE | LOOK AT? | FACE) targets | _turning way? AROUND? (UNTIL | SO | THAT)+ targets IS "
     "(FRONT HERE | FORWARD (OF HERE)? | VIEW | SEEN) | _turning AROUND _looking targets | "
     "(KEEP | WITH) targets IS? (FRONT HERE | VIEW)",
 )
@@ -676,12 +676,10 @@ _rule("way", "_prep* COUNTERCLOCKWISE")(lambda: "left")
 
 @_rule(
     "order",
-    "_turning way ((COMMA | BY | FOR)* angle)? | _turning (BY | FOR | DET | FULL)* angle TURN? way? TURN? | "
-    "_looking way | MAKE (BY | DET)* angle? TURN? way (angle | TURN | angle TURN | TURN angle)? | "
-    "MAKE DET? angle TURN? way? TURN? | way:hand | OTHER way TURN | way SLIGHTLY COMMA angle | "
-    "way TURN? (BY | FOR)? angle | (BY | FOR)? angle TURN? way | _turning AROUND (BY | FOR)? angle "
-    "way? | way TURN "
-    "angle? | MAKE DET? TURN way angle?",
+    "_turning way | _turning (BY | FOR | DET | FULL)* angle TURN? way? TURN? | "
+    "_looking way | MAKE (BY | DET)* angle? TURN? way (TURN | angle TURN)? | "
+    "MAKE DET? angle TURN? way? TURN? | way:hand | OTHER way TURN | "
+    "(BY | FOR)? angle TURN? way | _turning AROUND (BY | FOR)? angle way? | way TURN | MAKE DET? TURN way",
 )
 def _turn(angle: Measure | None = None, way: str = "") -> Steps:
     by = angle or Measure("90")
@@ -729,8 +727,8 @@ _words("_step", "GO | STEPS | TAKE")
 
 @_rule(
     "order",
-    "_step FORWARD+ ((BY | FOR)? distance)? | _step (BY | FOR)? distance FORWARD* | FORWARD ((COMMA | BY | FOR)* "
-    "distance)? | distance FORWARD | MAKE distance FORWARD* | &OTHER distance FORWARD?",
+    "_step FORWARD+ | _step (BY | FOR)? distance FORWARD* | FORWARD | distance FORWARD | MAKE distance FORWARD* | "
+    "&OTHER distance FORWARD?",
 )
 def _forward(distance: Measure = _ONE_METRE) -> Steps:
     return (Do((f"robot.move_forward({distance.text})",), (), distance.note),)
@@ -738,9 +736,8 @@ def _forward(distance: Measure = _ONE_METRE) -> Steps:
 
 @_rule(
     "order",
-    "BACKUP ((COMMA | BY | FOR)* distance)? | BACK distance | _step _backward ((BY | FOR)? distance)? | "
-    "RETURN (BY | FOR)? distance | (_step | MAKE) distance _backward | "
-    "BACKWARD ((COMMA | BY | FOR)* distance)? | distance _backward",
+    "BACKUP | BACK distance | _step _backward | RETURN (BY | FOR)? distance | (_step | MAKE) distance _backward | "
+    "BACKWARD | distance _backward",
 )
 @_rule("order", "(_step | MAKE) distance (COMMA | STOP)+ _backward", cost=-0.1)
 def _backward(distance: Measure = _ONE_METRE) -> Steps:
@@ -752,7 +749,7 @@ _words("_backward", "BACK | BACKWARD")
 
 @_rule(
     "order",
-    "_step (_prep | DET)* compass SIDE? ((BY | FOR)? distance)? | _step (BY | FOR)? distance (_prep | DET)* "
+    "_step (_prep | DET)* compass SIDE? | _step (BY | FOR)? distance (_prep | DET)* "
     "compass | MAKE distance (_prep | DET)* compass | distance (_prep | DET)* compass",
     cost=-0.2,
 )
@@ -762,7 +759,7 @@ def _compass_move(compass: float, distance: Measure = _ONE_METRE) -> Steps:
 
 @_rule(
     "order",
-    "GO way (BY? distance)? | (_step | MAKE)? (BY | FOR)? distance way",
+    "GO way | (_step | MAKE)? (BY | FOR)? distance way",
     cost=-0.2,
 )
 def _sideways(way: str, distance: Measure = _ONE_METRE) -> Steps:
@@ -770,7 +767,7 @@ def _sideways(way: str, distance: Measure = _ONE_METRE) -> Steps:
     return (Do((f"robot.turn({angle})", f"robot.move_forward({distance.text})"), (), distance.note),)
 
 
-@_rule("order", "STRAFE distance? way (BY? distance)?")
+@_rule("order", "STRAFE distance? way")
 def _strafe(way: str, distance: Measure = _ONE_METRE) -> Steps:
     angle = 90 if way == "right" else -90
     note = ("the robot cannot drive sideways: it turns, drives, and turns back", *distance.note)
@@ -1602,7 +1599,10 @@ def _is_nearer(np: Phrase, compared: str) -> Condition:
 
 
 @_rule(
-    "avoided", "AVOID (targets | targets:there)", "GIVE targets BERTH", "GIVE BERTH (TO | FROM | AROUND | FOR) targets"
+    "avoided",
+    "AVOID (targets | targets:there) (BY distance)?",
+    "GIVE targets BERTH",
+    "GIVE? BERTH (TO | FROM | AROUND | FOR) targets",
 )
 @_rule(
     "avoided",
@@ -1660,20 +1660,74 @@ def _shown(order: Steps, verb: str) -> Steps:
     return order
 
 
+@_rule("done", "order ((COMMA | STOP | BY | FOR | _just_so)* angle)+", "order (COMMA | STOP | BY | FOR)* distance")
+def _by_so_much(order: Steps, angle: Sequence[Measure] = (), distance: Measure | None = None) -> Steps:
+    """Read "turn left, 30 degrees", "a little to the left, by 20", "forward: two metres": how much was not yet said."""
+    last = order[-1]
+    measure = distance or angle[-1]
+    default = {"1", "90", tidy(_A_LITTLE_M), tidy(_A_LITTLE_DEG)}
+    call = "turn" if angle else "move_forward"
+    if not isinstance(last, Do) or (angle and len(last.lines) > 1) or (distance and not last.notes):
+        raise CommandError("")
+    return (*order[:-1], _resized(last, call, measure, default))
+
+
+def _resized(step: Do, call: str, measure: Measure, sizes: Container[str]) -> Do:
+    """Return a turn or move of one of some sizes by another angle or distance."""
+    for line in step.lines:
+        said = re.fullmatch(rf"robot\.{call}\((-?)([\d.]+)\)", line)
+        if said and said[2] in sizes:
+            by = measure.negated if said[1] else measure.text
+            lines = tuple(f"robot.{call}({by})" if one == line else one for one in step.lines)
+            return replace(step, lines=lines, notes=measure.note)
+    raise CommandError("")
+
+
+_words("_just_so", "EXACTLY")
+
+
+@_rule("marked", "(n:ORD | last:LASTLY) STAND? (IS | COMMA)* (done | wanted)", cost=0.1)
+@_rule("marked", "DET* goal:GOAL (IS | COMMA | STOP)* wanted", cost=-0.5)
+@_rule("marked", "(done | wanted) (IS | GO)? (n:ORD | last:LASTLY)")
+@_rule("marked", "STARTWITH wanted | last:ENDWITH wanted", "done")
+def _marked(done: Steps = (), wanted: Steps = (), n: int = 0, last: str = "", goal: str = "") -> tuple[int, Steps]:
+    """Read "first the fridge", "the fridge comes last", "end at the fridge": a step, and which one it is."""
+    if goal and not re.search(r"last|final", goal):
+        raise CommandError("")
+    return -1 if last or goal else n or int(not done), done or wanted
+
+
+@_rule("logical", "one:marked (_mid+ more:marked)+ !(_mid+ _marked)", cost=-0.3)
+def _as_marked(one: tuple[int, Steps], more: Sequence[tuple[int, Steps]]) -> Steps:
+    """Read "end at the fridge, but start with the sink", "toilet first, suitcase second, refrigerator last"."""
+    marked = (one, *more)
+    ranks = [rank for rank, _ in marked]
+    said = [rank for rank in ranks if rank]
+    in_turn = sorted(marked, key=lambda one: one[0] if one[0] > 0 else _MAX_TIMES * (1 - 2 * one[0]))
+    told = [step for _, steps in in_turn for step in steps if isinstance(step, Do) and "‹" not in str(step.phrases)]
+    if len({*map(str, told)}) < sum(len(steps) for _, steps in marked):  # one twice, or one that refers to another
+        raise CommandError("")
+    if not said or len({*said}) < len(said) or (0 in ranks and not {*said} <= {1, -1}):
+        raise CommandError("")
+    return tuple(replace(step, verb="") if step in _go_to(step.phrases) else step for step in told)
+
+
+_words("_marked", "marked")
 _words("_thing", "thing")
 _words("_mid", "COMMA | STOP | AND | BUT | THEN")
 _words("_visit", "MAKE | TAKE | HANDS | APPROACH | GIVE | KEEP | LOOK | _go | ON | AT | FROM")
 
 
-@_rule("done", "order _mid+ _visit? one:thing (n:ORD | last:LASTLY)", cost=-0.5)
+@_rule("done", "order _mid+ _visit? (one:thing | adjective) (n:ORD | last:LASTLY)", cost=-0.5)
 @_rule(
     "done",
-    "order _mid* (STARTWITH | last:ENDWITH | (BUTFIRST | (COMMA | BUT)+ n:ORD) _visit?) one:thing (_and_others | "
+    "order ONCE? _mid* (STARTWITH | last:ENDWITH | (BUTFIRST | (COMMA | BUT)+ n:ORD) _visit?) one:thing (_and_others | "
     "!(_mid+ (ORD | AFTER)? _thing))",
     cost=-0.4,
 )
-def _one_first(order: Steps, one: Phrase, n: int = 1, last: str = "") -> Steps:
+def _one_first(order: Steps, one: Phrase | None = None, adjective: Parts = (), n: int = 1, last: str = "") -> Steps:
     """Read "visit both desks, but leave the one in the bedroom for last", "..., starting with the red one"."""
+    one = one or select(None, adjective)
     head = order[0]
     named = [step for step in order if isinstance(step, Do) and [one.base] == [p.base for p in step.phrases]]
     if len(named) == 1 < len(order) and n in (1, -1):  # "the oven and the sink, the sink first"
@@ -1718,7 +1772,7 @@ def _asked_and_needed(question: Steps) -> Steps:
     return question
 
 
-@_rule("done", "(ORD | AFTER) COMMA? done", "NEED HERE? TO? done", "HERE &_verb done", cost=0.2)
+@_rule("done", "ORD COMMA? done", "AFTER COMMA done", "NEED HERE? TO? done", "(HERE | GO) &_verb done", cost=0.2)
 def _numbered_order(done: Steps) -> Steps:
     return done
 
@@ -1751,7 +1805,7 @@ def _if_stop_there(condition: Condition, said: str, b: Steps) -> Steps:
     return _if(condition, _go_to(_there()), b)
 
 
-@_rule("logical", "condition:if ((COMMA | THEN)+ | &_verb) a:body (_mayhap OTHERWISE COMMA? b:body)?", cost=-0.2)
+@_rule("logical", "condition:if ((COMMA | STOP? THEN)+ | &_verb) a:body (_mayhap OTHERWISE COMMA? b:body)?", cost=-0.2)
 @_rule("logical", "condition:if ((COMMA | THEN)+ | &_verb) a:items (_mayhap OTHERWISE COMMA? b:items)?")
 def _if(condition: Condition, a: Steps, b: Steps = ()) -> Steps:
     return (Choose(*condition, a, b),)
@@ -1833,7 +1887,7 @@ def _so(b: Steps) -> Steps:
     "logical",
     "b:done (COMMA | AND | STOP | BUT)* NEVER (not_:order | went:GO | went:APPROACH | TURN AROUND?) "
     "((COMMA | STOP)+ ONLY? LOOK)?",
-    "NEVER (went:GO | went:APPROACH) (COMMA | AND | STOP | BUT)+ ONLY? b:done",
+    "NEVER (went:GO | went:APPROACH | TURN AROUND?) (COMMA | AND | STOP | BUT)+ ONLY? b:done",
     cost=0.3,
 )
 def _only(b: Steps, not_: Steps = (), went: str = "") -> Steps:
@@ -1851,7 +1905,11 @@ def _kind(step: Do) -> str:
     return "move" if "move" in lines else "tell" if "tell(" in lines else "turn"
 
 
-@_rule("logical", "(NEVER not_:done | NEITHER _np NOR _np) (COMMA | AND | STOP | EXCEPT | THEN)+ b:done", cost=0.3)
+@_rule(
+    "logical",
+    "(NEVER (not_:done | HANDS _np) | NEITHER _np NOR _np) (COMMA | AND | STOP | EXCEPT | THEN)+ b:done",
+    cost=0.3,
+)
 @_rule("logical", "NOT not_:wanted (COMMA | STOP)+ &_verb b:done", cost=0.5)
 def _but(b: Steps, not_: Steps = ()) -> Steps:
     """Read "don't go to the sofa, go to the table", "not the sofa. Go to the table", "not the red one. Go there"."""
@@ -2048,14 +2106,15 @@ def _alike(item: Steps, next: Sequence[tuple[bool | None, Steps]]) -> Iterator[t
         before = steps[-1]
 
 
-def _enumerated(item: Steps, next: Sequence[tuple[bool | None, Steps]]) -> list[Step]:
+def _enumerated(steps: Sequence[Step]) -> list[Step]:
     """Read "go by the bins: first the one in the hall, then that in the kitchen": each once, in this order."""
-    head, rest = item[-1], [step for _, more in next for step in more]
+    several = (at for at, step in enumerate(steps) if isinstance(step, Do) and step.phrases and step.phrases[0].many)
+    at = next(several, 0)
+    head, rest = steps[at], steps[at + 1 :]
     listed = [step.phrases[0] for step in rest if isinstance(step, Do) and step.phrases]
     if (
         not (isinstance(head, Do) and _kind(head) == "move" and head.phrases and head.phrases[0].many)
         or not 2 <= len(listed) == len(rest)
-        or next[0][0] is not False
         or any(one.base != ONE or ONE not in one.text for one in listed)
     ):
         return []
@@ -2064,7 +2123,7 @@ def _enumerated(item: Steps, next: Sequence[tuple[bool | None, Steps]]) -> list[
         for step, one, before in zip(rest, listed, (head.phrases[0], *listed), strict=False)
     ]
     group = replace(head.phrases[0], base=head.phrases[0].whole or head.phrases[0].text)
-    return [*item[:-1], *_taken_from(tuple(told), head.phrases[0], group)]
+    return [*steps[:at], *_taken_from(tuple(told), head.phrases[0], group)]
 
 
 @_rule("items", "item next*")
@@ -2084,7 +2143,8 @@ def _items(item: Steps, next: Sequence[tuple[bool | None, Steps]] = ()) -> Steps
             steps.pop()  # "turn round and go to the sofa behind you": behind it before it turns
         if joint is not False or [*more] != [*_turn_around()] or steps[-1:] != [*more]:
             steps += more  # but "about-face! Look the other way" says one turn twice
-    steps = _enumerated(item, next) or steps
+    if not next or next[0][0] is False:
+        steps = _enumerated(steps) or steps
     for at in range(len(steps) - 1, 0, -1):  # "if …; if …; otherwise …": the otherwise is that of all
         first, second = steps[at - 1 : at + 1]
         if isinstance(first, Choose) and isinstance(second, Choose) and second.otherwise and not first.otherwise:
@@ -2126,7 +2186,23 @@ def _keeping_away(avoided: Steps, a: Steps = (), b: Steps = ()) -> Steps:
 
 _words("_around", "(COMMA | AND | THEN | STOP | BUT | ONLY)*")
 _rule("wanted", "targets")(_go_to)
-_words("_struck", "(NOWAIT COMMA?)+ items")
+
+
+@_rule(
+    "start", "_mayhap items _mayhap (NOWAIT (COMMA | STOP)*)+ (angle | distance | n:amount) (_mayhap NOWAIT)? _mayhap"
+)
+def _instead_so_much(
+    items: Steps, angle: Measure | None = None, distance: Measure | None = None, n: float = 0
+) -> Steps:
+    """Read "forward two metres. Sorry, one", "turn left 30 degrees, no, 45"."""
+    last, call = items[-1], "turn" if angle and "turn" in str(items[-1]) else "move_forward"
+    measure = angle or distance or Measure(tidy(n))
+    if not isinstance(last, Do):
+        raise CommandError("")
+    return (*items[:-1], _resized(last, call, measure, "".join(last.lines)))
+
+
+_words("_struck", "(NOWAIT (COMMA | STOP)*)+ items")
 _words("_items", "items")
 
 
@@ -2146,9 +2222,8 @@ def _in_room(np: Phrase, room: Phrase) -> Steps:
 
 @_rule(
     "start",
-    "_mayhap (items _mayhap)? (_struck _mayhap)* (NOWAIT COMMA?)+ (NOT _np ((COMMA | STOP)+ | &DET))? b:items "
-    "(_mayhap (IS WHAT)? "
-    "NOWAIT)? _mayhap",
+    "_mayhap ((items | NOT _np) _mayhap (_struck _mayhap)* (NOWAIT (COMMA | STOP)*)+ | (NOWAIT COMMA?)+) "
+    "(NOT _np ((COMMA | STOP)+ | &DET))? b:items (_mayhap (IS WHAT)? NOWAIT)? _mayhap",
     "_mayhap (items _mayhap)? (b:done COMMA? (IS WHAT)? said:NOWAIT | (NOWAIT COMMA?)* IT IS b:wanted NEED) "
     "(COMMA NOT _np)? _mayhap",
     cost=0.05,

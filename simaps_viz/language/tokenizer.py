@@ -58,7 +58,8 @@ _WORD: Final = re.compile(r"[a-z]+(?:['’][a-z]+)?")
 
 _ENDS: Final = re.compile(
     r"(?:(?<!\d)[.,]|[.,](?!\d)|[;:!?])+(?!\s+the ones? (?:that|which|with|on|in|at|by|near|next|under|behind)\b)"
-    r"|\s(?=(?:because|cause|cos|so(?! (?:that (?:it|the|you)|far|much|many))|"
+    r"|(?<!\bis)(?<!\bam)(?<!\bare)(?<!\bwas)\s(?=so\b(?! (?:that (?:it|the|you)|far|much|many)))"
+    r"|\s(?=(?:because|cause|cos|"
     r"(?:until|till|while|whilst|before|after|in case|when)(?= (?:i|we|he|she|they|my \w+) (?!am\b|are\b)\w+)|"
     r"(?:and|but|for|though|although|as|since)(?= (?:i|he|she|they|somebody|someone|nobody|people|(?:my|our) \w+) \w+)"
     r")\b)"

@@ -1120,3 +1120,72 @@ def test_a_thing_of_another_kind_is_not_the_only_one_of_that_name() -> None:
     reading = read_command("go to the thermos bottle", counts)  # there is no other bottle
     assert reading.program == 'robot.move_to_object("bottle")' and any("thermos" in note for note in reading.notes)
     assert '"whether"' not in read_command("is there a thermos bottle?", counts).program
+
+
+GO = 'robot.move_to_object("{}")'
+
+
+@pytest.mark.parametrize(
+    ("said", "goals"),
+    [
+        ("End at the couch, but start with the table.", ("dining table", "couch")),
+        ("Last stop the couch; first the chair, then the table", ("chair", "dining table", "couch")),
+        ("Visit the couch second and the chair first", ("chair", "couch")),
+        ("The couch comes last, the table comes first", ("dining table", "couch")),
+        ("chair first, table second, couch last", ("chair", "dining table", "couch")),
+    ],
+)
+def test_steps_are_done_as_they_are_numbered_not_as_they_are_named(said: str, goals: tuple[str, ...]) -> None:
+    assert read_command(said, LABELS).program.split("\n") == [GO.format(goal) for goal in goals]
+
+
+@pytest.mark.parametrize(
+    ("said", "program"),
+    [
+        ("A little to the left, thirty degrees or so", "robot.turn(-30)"),
+        ("Turn left, no, right, about 45 degrees", "robot.turn(45)"),
+        ("Turn left 30 degrees. Sorry, 45.", "robot.turn(-45)"),
+        ("Two metres forward. Sorry, one.", "robot.move_forward(1)"),
+        ("Back up: half a metre", "robot.move_forward(-0.5)"),
+    ],
+)
+def test_how_far_is_said_after_the_move_and_corrected(said: str, program: str) -> None:
+    assert read_command(said, LABELS).program == program
+
+
+@pytest.mark.parametrize(
+    ("said", "refused"),
+    [("Tell me when you go to the couch", True), ("Go to the couch and tell me when you are there", False)],
+)
+def test_who_wants_to_be_told_of_it_sends_the_robot_nowhere(said: str, refused: bool) -> None:
+    if refused:
+        with pytest.raises(CommandError):
+            read_command(said, LABELS)
+    else:
+        assert read_command(said, LABELS).program == GO.format("couch")
+
+
+@pytest.mark.parametrize(
+    ("said", "program"),
+    [
+        ("Any couch but the green one", 'minus(things("couch"), colored(things("couch"), "green"))'),
+        (
+            "Either couch will do, as long as it isn't the green one",
+            'minus(things("couch"), colored(things("couch"), "green"))',
+        ),
+        ("The couch where no plant stands", 'without(things("couch"), "potted plant")'),
+        (
+            "The couch that has neither a plant nor a chair on it",
+            'without(without(things("couch"), "potted plant"), "chair")',
+        ),
+        ("The couch with the plant and chair", 'having(having(things("couch"), "potted plant"), "chair")'),
+    ],
+)
+def test_what_a_thing_is_not_tells_which_one_it_is(said: str, program: str) -> None:
+    assert read_command(said, LABELS).program == f"robot.move_to_object({program})"
+
+
+def test_both_of_two_are_gone_to_in_the_order_said() -> None:
+    for said in ("Visit the two sofas, the grey one before the green one", "Visit both sofas, grey first"):
+        program = read_command(said, {"couch": 2}).program
+        assert "grey" in program and "two" not in program
