@@ -218,7 +218,7 @@ def _go_by() -> Steps:
     return _go_to((Phrase(IT, "", "thing", any=True),))
 
 
-@_rule("order", "PLACE (AT | ON | IN | BY | TO)* targets", cost=0.1)
+@_rule("order", "PLACE (AT | ON | IN | BY | TO)* targets !ASKED", cost=0.1)
 def _want_to_use(targets: tuple[Phrase, ...]) -> Steps:
     """Read "I'd love to sit on one of the chairs": where it is done was said."""
     return _go_to(targets)

@@ -4,6 +4,7 @@
 other words are of a closed class: it is put as "how many cups in the kitchen are there?".
 """
 
+from collections.abc import Sequence
 from typing import Final
 
 from simaps_viz.language.grammar import Chart
@@ -29,7 +30,7 @@ _LIGHT: Final = (AROUND_ORDERS - {*AROUND_QUESTIONS["heavy"]}) | {*AROUND_QUESTI
 _PLACING: Final = frozenset(
     ["IN", "ON", "AT", "BY", "NEAR", "UNDER", "BEHIND", "FRONT", "BETWEEN", "OPPOSITE", "NEAREST", "WITH", "WITHOUT"]
 )
-_STRANDED: Final = frozenset(["from", "with", "up", "of", "by", "at"])
+_STRANDED: Final = frozenset(["from", "with", "up", "of", "by", "at", "in"])
 """What a question may end with."""
 _PUTTING: Final = frozenset(["leave", "put", "keep", "hide", "store", "place", "drop", "lay", "set", "go", "get"])
 """What was done with what is looked for; said of today, it asks where to put it."""
@@ -61,8 +62,8 @@ def plain_question(sentence: Sentence) -> str:
             asked, at = kind if kind not in _GENERAL or not asked else asked, end
             continue
         placing = any(edge.kind in _PLACING for edge in sentence.edges[at])
-        place = _longest(chart, "relation", at)[0] if placing and words[at + 1 : at + 2] not in _OPEN else at
-        end, phrase = _longest(chart, "np", at)
+        place = _longest(chart, words, "relation", at)[0] if placing and words[at + 1 : at + 2] not in _OPEN else at
+        end, phrase = _longest(chart, words, "np", at)
         said, is_light = " ".join(words[at : max(place, end)]), _is_light(sentence, at, asked)
         if place > max(end, at + 1):
             places.append(said)
@@ -77,8 +78,8 @@ def plain_question(sentence: Sentence) -> str:
         else:
             things[phrase.text] = said
         at = max(place, end, at + 1)
-    if asked == "EXIST" and words[-1] != "?":  # "somebody left a cup on the table"
-        return ""
+    if asked == "EXIST" and words[-1] != "?" and words[0] not in ("is", "are", "do", "does"):
+        return ""  # "somebody left a cup on the table"
     return _put(asked, [*things.values()] or subject, places)
 
 
@@ -86,7 +87,9 @@ def _is_light(sentence: Sentence, at: int, asked: str) -> bool:
     """Whether a word names nothing and limits nothing where it is."""
     word, before, words = sentence.words[at], sentence.words[at - 1] if at else ",", sentence.words
     if word in _PRONOUNS:  # "the chairs round it"
-        return before not in _PREPOSITIONS
+        return before not in _PREPOSITIONS or (before == "of" and "".join(words[at + 1 : at + 2]).isalnum())
+    if word in _STRANDED and words[at + 1 :] in ((), ("?",)):
+        return before != "been"  # "how many rooms have I been in?"
     if word in _LEFT:  # "I left it on the table" is not where it is
         return asked in ("WHAT", "HOWMANY") or before in ("been", "is", "are", "was", "were")
     if word in _MOVING and word not in _LIGHT:  # "where can I throw it? Drive to a bin."
@@ -100,7 +103,6 @@ def _is_light(sentence: Sentence, at: int, asked: str) -> bool:
         or (word in _PUTTING and "did" in words)
         or (word == "out" and before in ("find", "figure", "work", "make", "point"))
         or (word == "one" and words[at + 1 : at + 2] in _FINDING)
-        or (word in _STRANDED and asked not in ("EXIST", "WHATCOLOR") and words[at + 1 :] in ((), ("?",)))
     )
 
 
@@ -117,11 +119,15 @@ def _asks(sentence: Sentence, at: int) -> tuple[str, int]:
     return max(((kind, ends[kind]) for kind in _PUT_AS if kind in ends), key=lambda ask: ask[1], default=("", at))
 
 
-def _longest(chart: Chart, name: str, at: int) -> tuple[int, Phrase | None]:
+def _longest(chart: Chart, words: Sequence[str], name: str, at: int) -> tuple[int, Phrase | None]:
     """Return where the longest reading of a rule ends, and its value: of phrases one that names a thing itself."""
     for found in chart.parse(name, at):
         if name != "np":
+            if IT in str(found.value):
+                continue
             return found.end, None
+        if {"have", "got"} & {*words[at : found.end]} and {"you", "we", "i"} & {*words[at : found.end]}:
+            continue  # "how many cups have you got | recorded"
         if not (found.value.free or found.value.base in (ONE, SAME, EVERYTHING.base) or IT in found.value.text):
             return found.end, found.value
     return at, None
