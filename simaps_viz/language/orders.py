@@ -1772,8 +1772,10 @@ def _asked_and_needed(question: Steps) -> Steps:
     return question
 
 
-@_rule("done", "ORD COMMA? done", "AFTER COMMA done", "NEED HERE? TO? done", "(HERE | GO) &_verb done", cost=0.2)
-def _numbered_order(done: Steps) -> Steps:
+@_rule("done", "(ORD | after:AFTER) COMMA? done", "NEED HERE? TO? done", "(HERE | GO) &_verb done", cost=0.2)
+def _numbered_order(done: Steps, after: str = "after") -> Steps:
+    if after != "after":  # "when you go to the kitchen"
+        raise CommandError("")
     return done
 
 
