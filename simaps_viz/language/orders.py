@@ -1762,7 +1762,9 @@ def _endlessly(order: Steps) -> Steps:
 
 
 @_rule("item", "ORD COMMA? question", cost=0.2)
-def _numbered_question(question: Steps) -> Steps:
+@_rule("item", "PLACE (COMMA | STOP | AND | SO)+ question", cost=-0.5)
+def _numbered_question(question: Steps, **_: Noun) -> Steps:
+    """Read "first, how many chairs are there?", "I'm worn out, where is the bed?": the wish says why."""
     return question
 
 

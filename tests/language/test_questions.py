@@ -35,6 +35,7 @@ LABELS = {"cup": 4, "table": 3, "lamp": 2, "teddy bear": 1, "clock": 2}
         ),
         ("the office: how many lamps does it have?", 'tell(inside(things("lamp"), room("office")), "count")'),
         ("the teddy is on the table, right?", 'tell(on(things("teddy bear"), the(things("table"))), "whether")'),
+        ("I'm worn out, where's the teddy?", 'tell(things("teddy bear"), "where")'),
         ("is it in the office, the teddy?", 'tell(inside(things("teddy bear"), room("office")), "whether")'),
     ],
 )
