@@ -1,7 +1,7 @@
-"""Score maps of the embedded places in space, beside both baselines; ``--write`` renews the table of docs/METHOD.md."""
+"""Score maps of the embedded places in space, beside both baselines; ``--write`` renews its rows in docs/METHOD.md."""
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -35,7 +35,7 @@ class Bench:
     most: int = 300
     """Frames of a place, evenly chosen; 0 = all."""
     write: bool = False
-    """Renew the table of docs/METHOD.md."""
+    """Renew the table of docs/METHOD.md; rows of places and masks that were not measured stay."""
 
 
 def reports(config: Bench) -> Iterator[SpaceReport]:
@@ -59,10 +59,20 @@ def rows_of(report: SpaceReport) -> Iterator[list[str]]:
         yield [masks, row["method"], row["true"], hidden, *(row[name].replace("0.", ".", 1) for name in SHOWN)]
 
 
+def by_masks(lines: Sequence[str]) -> dict[str, list[str]]:
+    """Return the rows of a table by their place and masks, which only the first row of each names."""
+    found: dict[str, list[str]] = {}
+    name = ""
+    for line in lines:
+        name = line.split("|")[1].strip() or name
+        found.setdefault(name, []).append(line)
+    return found
+
+
 def main(config: Bench) -> None:
     """Score, print each sequence's lines as soon as they are known, and write what was asked for."""
-    lines = table(["place, masks", "method", "things", "hidden things matched", *SHOWN], [])
-    sys.stdout.write("\n".join(lines) + "\n")
+    head, lines = table(["place, masks", "method", "things", "hidden things matched", *SHOWN], []), list[str]()
+    sys.stdout.write("\n".join(head) + "\n")
     for report in reports(config):
         new = table([], rows_of(report))[2:]
         sys.stdout.write("\n".join(new) + "\n")
@@ -70,8 +80,10 @@ def main(config: Bench) -> None:
         lines += new
     if config.write:
         before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
-        _, after = rest.split(END)
-        PAGE.write_text(before + BEGIN + "\n".join(lines) + "\n" + END + after, encoding="utf-8")
+        old, after = rest.split(END)
+        rows = by_masks(old.splitlines()[len(head) :]) | by_masks(lines)
+        body = "\n".join([*head, *(line for part in rows.values() for line in part)])
+        PAGE.write_text(before + BEGIN + body + "\n" + END + after, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -908,7 +908,9 @@ def _join(
     Returns:
         int64 [units]: a part that each was joined with; objects of the map keep their number.
     """
-    parent = _joined(units, tops, pooled, near, settings, min(settings.pooling.touching_same, _TOUCHING_BELOW))
+    share = min(settings.pooling.touching_same, _TOUCHING_BELOW)
+    with_imagined = _with_imagined(pooled, near & (pooled[0][:, 0] >= tops), settings.pooling.imagined_pairs, share)
+    parent = _joined(units, tops, with_imagined, near, settings, share)
     group = _with_most_evidence(parent, tops, pooled, settings.affinity)
     # What is too small to be believed an object by itself belongs to what it touches, as on the map. Numbers that come
     # first stay apart.
@@ -923,6 +925,23 @@ def _join(
         len(numbers), int(alone.sum()), pooled, _among(pooled[0], ends[near]), settings, settings.pooling.touching_same
     )
     return numbers[parent[new[group]]]
+
+
+def _with_imagined(pooled: _Evidence, touching: NDArray, pairs: float, share: float) -> _Evidence:
+    """Return the evidence with what is imagined of parts that touch, bool, for `_joined` to add up as groups grow.
+
+    So two rows of books, of many parts each, are not joined by the little that frames say of each two parts. The more
+    frames say of them, the fewer pairs are imagined.
+
+    Args:
+        pooled: the evidence.
+        touching: bool, aligned with it, the parts of which pairs are imagined.
+        pairs: how many where frames say nothing; half as many where they say as much.
+        share: how much of it is *same*.
+    """
+    ends, evidence = pooled
+    imagined = np.where(touching, pairs * pairs / np.maximum(pairs + evidence.sum(axis=1), 1e-9), 0.0)
+    return ends, evidence + imagined[:, None] * (share, 1.0 - share)
 
 
 def _joined(

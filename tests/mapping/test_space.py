@@ -20,8 +20,9 @@ from simaps_viz.mapping.accumulator import MapAccumulator, ProjectionSettings
 from simaps_viz.mapping.edits import apply, delete, relabel
 from simaps_viz.mapping.file import load_map, save_map
 from simaps_viz.mapping.finalize import SequenceFacts, map_so_far
+from simaps_viz.mapping.pooling import PoolSettings
 from simaps_viz.mapping.simap import recommunity, repartition
-from simaps_viz.mapping.space import _pairs, _summed
+from simaps_viz.mapping.space import SpaceSettings, _join, _pairs, _summed
 from simaps_viz.mapping.steps import pack_step, unpack_step
 from simaps_viz.mapping.surface import coded_colors, decoded_colors
 
@@ -265,6 +266,17 @@ def test_a_thing_of_which_no_frame_shows_all_stays_one():
         for k, first in enumerate([0, 2, 4] * 4)
     ]
     assert boxes(map_of_columns(steps), "book") == [(2, 5, 0, 11, 4, 8)]
+
+
+@pytest.mark.parametrize(("across", "rows"), [(0.5, 2), (10.0, 1)])
+def test_two_rows_that_touch_are_joined_by_much_evidence_not_by_many_bits(across, rows):
+    """Two rows of six parts each; all that is said says *same*, much within a row."""
+    pairs = {(i, i + 1): 20.0 for i in range(11) if i != 5} | {(i, i + 6): across for i in range(6)}
+    ends = np.array(sorted(pairs), np.int32)
+    evidence = np.array([[pairs[a, b], 0.0] for a, b in ends.tolist()])
+    settings = SpaceSettings(0.3, np.ones(2), 1.0, 0, PoolSettings(), 0.6, 4, exact=False)
+    found = _join(12, 0, (ends, evidence), np.ones(len(ends), np.bool_), np.full(12, 40), settings)
+    assert len(set(found.tolist())) == rows and len(set(found[:6].tolist())) == len(set(found[6:].tolist())) == 1
 
 
 @given(st.lists(st.tuples(st.integers(0, 6), st.integers(0, 3)), min_size=1, max_size=30), st.integers(0, 7))
