@@ -332,6 +332,11 @@ def test_the_legend_points_shows_alone_and_fades(bench, page):
     page.get_by_role("button", name="Fade couch").click()
     expect(page.locator(".simaps-name", has_text="couch").first).to_be_hidden()
     assert session.panels[MapPanel].faded == {"couch"}
+    row.click()  # beside a class that is shown alone, nothing would be seen of it
+    expect(row).to_have_attribute("aria-pressed", "true")
+    page.get_by_role("button", name="Fade couch").click()
+    expect(row).to_have_attribute("aria-pressed", "false")
+    expect(page.locator(".simaps-name", has_text="couch").first).to_be_visible()
 
 
 @pytest.fixture

@@ -244,6 +244,11 @@ def test_an_object_is_found_by_its_name_and_number(bench, page):
     expect(page.locator(".simaps-selected")).to_contain_text("chair 4")
     camera, middle = session.client.camera, pytest.approx(third.centroid_m[:2], abs=0.2)
     until(page, lambda: camera.position[2] < 0.8 * far and camera.look_at[:2] == middle)
+    expect(page.get_by_text("Esc, then key T")).to_be_visible()
+    page.keyboard.press("Escape")
+    page.keyboard.press("t")
+    until(page, lambda: camera.position[2] > 0.95 * far)
+    assert session.selected == third.id
     page.wait_for_timeout(PAUSE_MS)
     for typed, said in (("chair 2", "There is no chair 2."), ("piano", "No class of this map is called piano.")):
         box.fill(f"{typed}\n")

@@ -50,7 +50,7 @@ def test_a_class_alone_means_all_of_it_and_steps_go_round_both_ways():
     page.press("Previous")
     assert page.went[-1] == three
     assert "Enter: couch 5" in page.type("couch") and not page.steps.visible
-    assert "Key T" in page.type("couch\n") and page.went[-1] == 5
+    assert "Esc, then key T" in page.type("couch\n") and page.went[-1] == 5
     assert page.type("") == page.type("\n") and not page.status.visible and not page.steps.visible
 
 

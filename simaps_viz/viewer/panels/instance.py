@@ -198,7 +198,7 @@ class FindBox(Panel):
             ]
             names[at] += ", shown"
             said = "; ".join(names) + "."
-        self._report(f"{said} Key T shows the whole map again.".strip())
+        self._report(f"{said} Esc, then key T, shows the whole map again.".strip())
 
     def _report(self, text: str) -> None:
         self._status.content = f'<div role="status" style="{BOX_STYLE};{DIM_STYLE}">{escape(text)}</div>'

@@ -335,6 +335,7 @@ class MapPanel(Panel):
             return
         if event.get("do") == "fade":
             self.faded ^= {name}
+            self._class.value = EVERY_CLASS  # beside a class that is shown alone nothing is seen of it
             self._page.repaint()
         else:
             self._class.value = EVERY_CLASS if name == self._class.value else name

@@ -238,6 +238,7 @@
   window.addEventListener('keydown', (event) => {
     const close = closeOf();
     if (event.key !== 'Escape') return;
+    if (!close && event.target.matches && event.target.matches('textarea')) event.target.blur();  // the page's keys work again
     if (!close) { passEscape(event); return; }
     event.stopImmediatePropagation();
     close.click();
