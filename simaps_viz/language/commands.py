@@ -155,7 +155,7 @@ _LED: Final = re.compile(
     r"\W*(?:quick|quickly|now|fast|hurry|urgently|please)\W*$|\W*(?:(?:and|so|then|please|can you|could you|you) )*"
     r"(?:(?:let us |lets )?go|come|take|bring|show|lead|drive|guide|have|head|pop)\b"
     r"(?: (?:me|us|it|this|them|on|over|to|and|there|then|where|the|a|right|best|proper|spot|place|one|i|we|you|can|"
-    r"could|do|that|is|so|look|see|check|investigate|belongs?|goes|wash|way|somewhere|for|please|now|yourself|have|take|find|out))*\W*$"
+    r"could|do|that|is|so|made|look|see|check|investigate|belongs?|goes|wash|way|somewhere|for|please|now|yourself|have|take|find|out))*\W*$"
 )
 """A clause that only sends the robot to where that is done, or to what was spoken of: "take me to the right spot"."""
 _WHERE: Final = re.compile(
@@ -180,9 +180,13 @@ _SENT: Final = re.compile(
 """A clause that sends the robot to where something can be done: "take me somewhere I can heat it"."""
 
 
+_EXCLAIMED: Final = re.compile(r"\W*(?:oh my \w+|oh no|oh dear|dear me|my \w+ness|what an? [\w ]+|\w{1,4})?\W*")
+"""A clause that says nothing, or only how somebody feels: "ew," or "oh my goodness,"."""
+
+
 def _need(text: str, vocabulary: Vocabulary) -> Reading:
     """Read what somebody needs by what is spoken of: "my shirt is filthy, take me to where I can wash it"."""
-    said = [clause for clause in clauses(plainly(text)) if re.search(r"\w", clause)]
+    said = [one for one in clauses(plainly(text)) if not _EXCLAIMED.fullmatch(one)]
     asked = [clause for clause in said if _ASKED.match(clause) and text.rstrip().endswith("?")]
     sent = [clause for clause in said if _SENT.match(clause) and not _LED.match(clause)]
     wishes = [clause for clause in said if not _LED.match(clause) and clause not in (*asked, *sent)]
@@ -633,7 +637,8 @@ def _unheard(sentence: Sentence, program: str) -> str:
             noun = longest[0].value
             seats = ("seat",) if noun.label == "person" else ()  # "a table for six people"
             names = (noun.label, noun.spoken, noun.wide, *noun.others, *seats)
-            if not any(quoted(name) in program for name in names):
+            within = f' {noun.spoken}")'  # of search("pool table")
+            if within not in program and not any(quoted(name) in program for name in names):
                 return " ".join(sentence.words[at:end])
         at = end
     return ""

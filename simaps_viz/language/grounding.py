@@ -59,6 +59,8 @@ class Things:
     """Words after it, as in "on your left"."""
     missing: str | None = None
     """Where the map lacks what was named: the sentence that says so."""
+    elsewhere: tuple[Any, ...] = ()
+    """Of an empty set of what is in a room: the nearest of that name in another one."""
     instead: tuple[Any, ...] = ()
     """What else of its name may be meant where a relation fits none of it, as of "the table" another table."""
     most: str = ""

@@ -1548,7 +1548,7 @@ def _inside_of(np: Phrase) -> Parts:
 
 @_rule(
     "condition",
-    "(ATLEAST | more:MORETHAN | few:LESSTHAN | only:EXACTLY | most:ATMOST) n:whole &ASKED",
+    "(ATLEAST | more:MORETHAN | few:LESSTHAN | only:EXACTLY | most:ATMOST) n:whole np? &ASKED",
     cost=-0.1,
 )
 @_rule("condition", *_NUMBERED, cost=-0.3)
@@ -1831,7 +1831,7 @@ def _unless(condition: Condition, a: Steps, b: Steps = (), said: str = "instead"
 
 @_rule(
     "logical",
-    "a:done _mayhap (OR | AND)? COMMA? OTHERWISE COMMA? b:done",
+    "a:done _mayhap (OR | AND)? COMMA? OTHERWISE (COMMA | THEN)* b:done",
     "a:done COMMA? IFSO _mayhap (OR | AND)? COMMA? OTHERWISE COMMA? b:done",
     cost=0.2,
 )
@@ -1841,6 +1841,28 @@ def _or_else(a: Steps, b: Steps) -> Steps:
         raise CommandError("")
     test, phrases = _exists(a[0].phrases[0])
     return (Choose(test, phrases, a, b),)
+
+
+@_rule("logical", "a:done _mayhap condition:if ((COMMA | STOP? THEN)+ | &_verb) b:done", cost=-0.4)
+def _where_it_is_missing(a: Steps, condition: Condition, b: Steps) -> Steps:
+    """Read "go to the piano. If there is no piano, go to the sofa": one of the two, as with "if there is none"."""
+    test, (missing, *_) = condition
+    gone_to = [one.whole or one.text for one in a[0].phrases] if isinstance(a[0], Do) else []
+    if test != "count({0.text}) == 0" or gone_to != [missing.text]:
+        raise CommandError("")
+    return _or_else(a, b)
+
+
+@_rule(
+    "logical",
+    "_go _dets word:WORD+ name:NOUN _mayhap (OTHERWISE | IF EXIST (NOT | WITHOUT | NUMBER) WORD+ NOUN) (COMMA | THEN)* "
+    "b:done",
+    cost=-0.2,
+)
+def _unknown_or_else(word: Sequence[str], name: Noun, b: Steps) -> Steps:
+    """Read "go to the pool table. If there is none, to the sofa": a table that is told by an unknown word is no other."""
+    said = " ".join((*word, name.spoken))
+    return _or_else(_go_to((select(Noun(said, said, False, count=0), ()),)), b)
 
 
 @_rule("logical", "a:done COMMA? condition:if (_mayhap OTHERWISE COMMA? b:items)?")
@@ -1869,6 +1891,7 @@ def _not_before(b: Steps, targets: tuple[Phrase, ...]) -> Steps:
     "logical",
     "WHETHER? condition (COMMA | AND | STOP | THEN)* IFSO COMMA? a:body (_mayhap OTHERWISE COMMA? b:body)?",
     "WHETHER? condition ASKED THEN COMMA? a:body (_mayhap OTHERWISE COMMA? b:body)?",
+    "WHETHER? condition ASKED a:body _mayhap OTHERWISE COMMA? b:body",
     "WHETHER? condition (COMMA | AND | STOP | THEN)* OTHERWISE COMMA? b:body",
     cost=-0.2,
 )
@@ -1954,7 +1977,8 @@ def _introduced(
 
 @_rule("declared", "exist:EXIST a:thing AND b:thing", cost=-0.25)
 def _declared_both(exist: str, a: Phrase, b: Phrase) -> Phrase:
-    """Read "there is a chair on your left and a chair on your right"."""
+    """Read "there is a chair on your left and a chair on your right", "... and one on your right"."""
+    b = replace(b, text=b.text.replace(ONE, a.base), base=a.base) if b.base == ONE else b
     if exist.split(maxsplit=1)[0] in _ASKS or a.base != b.base:
         raise CommandError("")
     return replace(united([replace(one, text=one.single) for one in (a, b)]), base=a.base, many=True)

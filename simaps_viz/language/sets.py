@@ -696,10 +696,11 @@ class Sets(Grounding):
         if R or found.items or not others:
             return found
         # Who asks "in here" may mean the whole place.
-        there = [room for room in self._all_rooms() if self.ranked(others)[0].id in room.objects]
+        nearest = self.ranked(others)[0]
+        there = [room for room in self._all_rooms() if nearest.id in room.objects]
         where = f"in {_the(there[0])}" if there else "elsewhere"
         number = "there is one" if len(others) == 1 else f"the nearest of {len(others)} is"
-        return replace(found, missing=f"{found.none()[:-1]}; {number} {where}.")
+        return replace(found, missing=f"{found.none()[:-1]}; {number} {where}.", elsewhere=(nearest,))
 
     def _visible(self, S: Named) -> Things:
         kept = []

@@ -103,7 +103,7 @@ def _nothing(found: Things, kind: str) -> Told:
     missing = (found.missing or "").partition(" It has")[0]
     text = missing or found.none()
     if kind == "whether":
-        return f"No, {text[0].lower()}{text[1:]}", False, []
+        return f"No, {text[0].lower()}{text[1:]}", False, found.elsewhere
     return text, 0 if kind == "count" else None, []
 
 

@@ -475,7 +475,8 @@ def _activity(words: Sequence[str], at: int, vocabulary: Vocabulary) -> tuple[st
         for end in range(min(len(rest), len(wish) + 5), len(wish), -1):
             asked = tuple(rest[len(wish) : end])
             found = NEEDS.get(asked) or (ACTIVITIES.get(asked) if wish else None)
-            if found:
+            # "a dirty cup" is a cup, and nothing to wash
+            if found and (wish or not vocabulary.match(rest[end : end + 6])):
                 return found, end + (tuple(rest[end : end + 1]) == ("something",))
     alone = next((i for i, word in enumerate(words) if not word.isalpha() or word in ("and", "then")), len(words))
     asked = ACTIVITIES.get(tuple(words[:alone]), "") if at == 0 else ""

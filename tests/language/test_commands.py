@@ -716,10 +716,32 @@ def test_what_opens_a_sentence_and_says_more_is_not_left_out(said: str) -> None:
         ("Turn through 40 degrees to the left.", "turn 40 degrees to the left"),
         ("Make a U-turn.", "turn around"),
         ("Your heading should be north.", "face north"),
+        ("Go to the piano. If we've got none, a couch'll do.", "go to the piano, otherwise to a couch"),
+        ("Go to the piano, and when there is no piano, then to the couch.", "go to the piano, otherwise to the couch"),
+        ("Find me a bike. No bike? Then the couch.", "go to the bike, otherwise to the couch"),
+        ("If in kitchen is no chair then go to the couch.", "if there is no chair in the kitchen, go to the couch"),
+        ("In which room is most of chairs?", "in which room are the most chairs"),
+        ("On what is standing the couch?", "on what is the couch"),
+        ("Spin round so you're looking exactly the other way.", "turn around"),
+        ("Look at the couch, but don't move from the spot.", "look at the couch"),
+        ("Go to the couch or the nearest chair, don't care which.", "go to the couch or the nearest chair"),
+        ("Position: couch", "go to the couch"),
     ],
 )
 def test_the_same_said_in_other_words(said: str, like: str) -> None:
     assert read_command(said, LABELS).program == read_command(like, LABELS).program
+
+
+def test_a_thing_of_an_unknown_name_is_missing_where_another_is_named_instead() -> None:
+    reading = read_command("go to the pool table. If there's none, to the couch", {"table": 1, "couch": 1})
+    assert reading.program.splitlines()[1:] == [
+        '    robot.move_to_object(search("pool table"))',
+        "else:",
+        '    robot.move_to_object("couch")',
+    ]
+    # of another sort, the thing may be there: nothing says what to do then
+    reading = read_command("go to the red chair. If there is no chair, go to the couch", {"chair": 2, "couch": 1})
+    assert "else:" not in reading.program
 
 
 def test_it_is_what_somebody_told_of_before() -> None:
@@ -845,6 +867,9 @@ KITCHEN = {"sink": 1, "washing machine": 1, "stove": 1, "refrigerator": 1, "cabi
         ("my shirt is filthy, take me to where I can wash it", '"washing machine"'),
         ("my hands are filthy, they want washing", '"sink"'),
         ("this frozen pizza wants baking", '"stove"'),
+        ("Got dirty clothes to wash.", '"washing machine"'),
+        ("Oh my goodness, need to heat up my lunch!", '"stove"'),
+        ("a guest spilled sauce and wants to wash her hands, show her where", '"sink"'),
         ("this milk must be kept cold. Go where it belongs.", '"refrigerator"'),
         ("the milk ought to be in the fridge, lets go and see", '"refrigerator"'),
         (

@@ -58,6 +58,9 @@ def test_a_question_is_read_by_what_it_names(said: str, program: str) -> None:
         "is there enough room for a lamp?",
         "are there cups I should not touch?",
         "how many cups are there if I add two?",
+        "how many cups can you carry?",
+        "where was the cup made?",
+        "is there a dirty cup?",
     ],
 )
 def test_a_question_is_not_answered_as_another_one(said: str) -> None:

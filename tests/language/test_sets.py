@@ -573,6 +573,9 @@ def test_a_room_is_left_by_its_doorway_and_in_here_is_within_it() -> None:
     assert [goal.instance for goal in run("go to the farthest sink in here").goals] == here
     for said in ("how many sinks are in here?", "which is the largest sink in here?"):
         assert (run(said).answer or {})["instances"] == here
+    bed = run("is there a bed in here?").answer or {}
+    assert (bed["value"], [flat.by_id(number).label for number in bed["instances"]]) == (False, ["bed"])
+    assert (run("is there a bed anywhere in here?").answer or {})["value"]
     whole = dataclasses.replace(flat, room=np.zeros_like(flat.instance))  # a map without rooms is one place
     counted = simaps_viz.ask(whole, "how many sinks are in here?", pose=bathroom)
     assert (counted.answer or {})["value"] == len(sinks)
