@@ -1860,7 +1860,7 @@ def _where_it_is_missing(a: Steps, condition: Condition, b: Steps) -> Steps:
     cost=-0.2,
 )
 def _unknown_or_else(word: Sequence[str], name: Noun, b: Steps) -> Steps:
-    """Read "go to the pool table. If there is none, to the sofa": a table that is told by an unknown word is no other."""
+    """Read "go to the pool table. If there is none, to the sofa": what an unknown word tells of is no other table."""
     said = " ".join((*word, name.spoken))
     return _or_else(_go_to((select(Noun(said, said, False, count=0), ()),)), b)
 

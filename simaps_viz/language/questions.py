@@ -78,8 +78,8 @@ def plain_question(sentence: Sentence) -> str:
         else:
             things[phrase.text] = said
         at = max(place, end, at + 1)
-    if asked == "EXIST" and words[-1] != "?" and words[0] not in ("is", "are", "do", "does"):
-        return ""  # "somebody left a cup on the table"
+    if asked == "EXIST" and words[-1] != "?" and (words[0] not in ("is", "are", "do", "does") or "." in words[:-1]):
+        return ""  # "somebody left a cup on the table", "is rubbish. Show me a bin."
     return _put(asked, [*things.values()] or subject, places)
 
 
