@@ -90,6 +90,10 @@ _FINITE_VERB: Final = (
     r"(?:is|are|was|were|am|has|have|had|been|will|can|could|would|may|might|did|does|do|ought|"
     rf"{_NOT}|{_NOW}|{_PAST_VERBS})\b"
 )
+_DRIVING: Final = (
+    r"(?:go|head|driv|com|mov|roll|travel|turn|fac|circl|pass|visit|stop|park|leav|start|end|return)\w{0,4}ing\b"
+)
+"""What is done by driving, as an order may begin in a hurry: "heading for the fridge"."""
 _STATEMENT: Final = re.compile(
     r"^\W*(?:(?:and|but|so|well|oh|now|then|look|see|right|as|since|for|though|although|honestly|you know)\s+)*(?:"
     r"(?:i|we)\s+(?:\w+ly\s+|just\s+|also\s+)*"
@@ -104,7 +108,10 @@ _STATEMENT: Final = re.compile(
     r"|(?:my|our|his|her) \w+ \w+s\b|(?:he|she|it) \w+s\b|they (?!should|must)\w+|\w+s (?:are|were|have)\b"
     r"|you (?:are|were|have(?! to\b)|look|seem|did|had)\b"
     r"|(?:i|we) (?:would|could) \w+ (?:it |that |there )?(?:myself|ourselves)\b"
-    r"|.*\bwrong (?:way|direction|side)\b|(?:here is|there is) .*)"
+    r"|.*\bwrong (?:way|direction|side)\b|(?:here is|there is) .*"
+    r"|(?:the |my |our |this )?\w+['’]s (?:all |still |too |so |very |quite |just |a bit )?"
+    r"(?:\w{2,}ed|\w{2,}ing|\w+y|\w+t)\b"
+    rf"|(?!{_DRIVING}|bring\b|\w*thing\b)\w{{2,}}ing (?:an?|the|my|our|some|up|out|off|for|over|dark|late)\b)"
 )
 """A clause that says how things are."""
 _REASON: Final = re.compile(

@@ -646,6 +646,8 @@ def test_sets_are_gone_through_in_their_order_and_less_what_is_left_out(said: st
         ("I know you're busy, but go to the couch", "i know you are busy"),
         ("Go to the couch, the lady wants to pass.", "i want to pass"),
         ("Who cares about the diet? Go to the couch.", "who cares about the diet?"),
+        ("Doing a stock check. Go to the couch.", "doing a stock check"),
+        ("Floor's wet round the table. Go to the couch.", "floor's wet round the table"),
     ],
 )
 def test_talk_around_an_order_is_left_out_with_a_note(said: str, left_out: str) -> None:
