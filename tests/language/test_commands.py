@@ -727,6 +727,7 @@ def test_what_opens_a_sentence_and_says_more_is_not_left_out(said: str) -> None:
         ("Spin round so you're looking exactly the other way.", "turn around"),
         ("Look at the couch, but don't move from the spot.", "look at the couch"),
         ("Go to the couch or the nearest chair, don't care which.", "go to the couch or the nearest chair"),
+        ("If you don't mind, could you go over to the couch?", "go to the couch"),
         ("Position: couch", "go to the couch"),
     ],
 )
