@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 import rerun as rr
-from browser import PATIENCE_S, field_of, free_port, mine, rerun_frame, until
+from browser import PATIENCE_S, field_of, free_port, mine, rerun_frame, until, watched_page
 from forwarded import watched_through
 from playwright.sync_api import Browser, Frame, Locator, Page, expect
 from sequences import write_tiny_sequence
@@ -353,3 +353,33 @@ def test_it_is_dark_when_the_page_is(dock):
     assert max(dock.color(*tools)) < 40
     page.get_by_role("button", name="Light / dark").click()
     until(page, lambda: min(dock.color(*tools)) > 240)
+
+
+def test_on_a_phone_it_opens_in_sight_and_a_finger_still_finds_the_page(opened, browser):
+    with watched_page(browser, 420, 860, has_touch=True, is_mobile=True) as page:
+        page.goto(opened.bench.url)
+        page.wait_for_function(MAP_SHOWN)
+        cdp = page.context.new_cdp_session(page)
+
+        def swipe(y: float, by: float) -> None:
+            for kind, places in (("Start", [y]), ("Move", np.linspace(y, y + by, 10)), ("End", [None])):
+                for place in places:
+                    points = [] if place is None else [{"x": 200, "y": float(place)}]
+                    cdp.send("Input.dispatchTouchEvent", {"type": f"touch{kind}", "touchPoints": points})
+
+        def box(one: Locator) -> dict[str, float]:
+            found: Any = one.bounding_box()
+            return found
+
+        page.get_by_role("tab", name="Build", exact=True).tap()
+        header = page.get_by_role("button", name="panel Recorded build")
+        header.tap()
+        frame, top = page.locator("iframe[title='Recorded build']"), page.get_by_role("button", name="Help", exact=True)
+        until(page, lambda: frame.bounding_box() and abs(box(frame)["y"] + box(frame)["height"] - 860) < 3)
+        assert box(header)["y"] >= 860 - 387 + 100 and box(top)["y"] < 860 - 387  # it is in sight, the title is not
+        swipe(box(header)["y"] - 60, 250)
+        swipe(box(header)["y"] - 60, 250)
+        until(page, lambda: box(top)["y"] > 860 - 387)
+        page.get_by_role("tab", name="Map", exact=True).tap()
+        expect(page.get_by_label("Colours").and_(page.locator("input"))).to_be_visible()
+    until(opened.page, lambda: len(opened.bench.sessions) == 1)

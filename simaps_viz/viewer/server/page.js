@@ -7,6 +7,8 @@
   const fit = document.querySelector('meta[name=viewport]');
   if (fit) fit.content = 'width=device-width, initial-scale=1, minimum-scale=1';
 
+  const PHONE = window.matchMedia('(max-width: 36em)');  // as in page.css
+
   const press = (element) => {
     for (const kind of ['pointerdown', 'mousedown', 'pointerup', 'mouseup', 'click'])
       element.dispatchEvent(new (kind.startsWith('pointer') ? PointerEvent : MouseEvent)(kind,
@@ -120,6 +122,10 @@
   });
   document.addEventListener('click', (event) => {  // what is typed into a choice replaces it
     if (event.target.matches('input.mantine-Select-input')) event.target.select();
+  });
+  document.addEventListener('transitionend', (event) => {  // on a phone the recorded build opens below what is in sight
+    const opened = event.propertyName === 'height' && event.target.querySelector('iframe[title="Recorded build"]');
+    if (opened && PHONE.matches) opened.scrollIntoView({ block: 'end' });
   });
   const changeSeen = {};
   const BEGINS_PX = 60;  // where so much of it is in sight, the panel rests: the slider may be wanted again
