@@ -37,6 +37,7 @@ from simaps_viz.structures import Pose2
 from simaps_viz.viewer.panels.command import (
     CommandPanel,
     beyond_text,
+    each_why,
     entered,
     exchanges_html,
     in_asked_order,
@@ -154,6 +155,26 @@ def test_outcome_text_names_both_things_it_goes_between():
     assert outcome_text(said).startswith("Between the dining table and the chair, a path of ")
     refused = answer(toy_map(), "go to the piano", TOY_POSE)
     assert outcome_text(refused) == "There is no piano on this map."
+
+
+def test_each_of_several_things_says_why_it_is_meant():
+    simap = toy_map()
+
+    def each(command, **most):
+        said = answer(simap, command, TOY_POSE)
+        return each_why(said, lambda label, pose: Grounding(simap, pose).candidates(label), TOY_POSE, **most), said
+
+    (first,), _ = each("go between the couch and the chair")
+    assert first.startswith("Chair 3 is the closest to where the command was given:") and "couch" not in first.lower()
+    (first, then), said = each("go to the plant, then face the third chair, then face the chair")
+    here = Pose2(*said.goals[0].point_m, 0.0)
+    ranked = [one.instance.name for one in Grounding(simap, here).candidates("chair")]
+    assert first.startswith(f"{ranked[2].capitalize()} is the farthest of 3 from where the robot is then:")
+    assert then.startswith(f"{ranked[0].capitalize()} is the closest to where the robot is then:")
+    assert each("go to the plant, then face the chair", most=1)[0] == []
+    (both,), said = each("go between the two chairs")
+    a, b = said.goals[0].instance, said.goals[0].other_instance
+    assert both == f"This map has 3 chairs: {a} and {b}, the two closest to where the command was given, are meant."
 
 
 def test_html_marks_one_line_and_escapes_what_models_write():

@@ -188,6 +188,7 @@ def test_candidates_are_numbered_with_the_chosen_one_marked():
     assert numbers(set()) == ["1", "2", "3"]
     chosen, first, _ = candidate_labels(candidates, {4})
     assert chosen.text == "▶ 3 · chair 4 · 3.3 m away" and first.text == "1 · chair 3"
+    assert candidate_labels(candidates, {4}, away="from the couch")[0].text == "▶ 3 · chair 4 · 3.3 m from the couch"
     box = simap.by_id(4).aabb_m
     assert (chosen.x - chosen.reach_x, chosen.y + chosen.reach_y) == pytest.approx((box[0][0], box[1][1]))
 

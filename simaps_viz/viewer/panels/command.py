@@ -6,7 +6,7 @@ import math
 import re
 import threading
 import time
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 from html import escape
 from itertools import zip_longest
@@ -60,19 +60,26 @@ _KEYS_LATE_S = 0.1
 _NTH = ("", "", "second ", "third ", "fourth ", "fifth ", "sixth ", "seventh ", "eighth ", "ninth ", "tenth ")
 _MAX_LISTED = 4
 _CHOOSERS = [*FUNCTIONS, *(name for name, primitive in PRIMITIVES.items() if primitive.kind == "lookup")]
+_FROM_WHAT = re.compile(r"\b(?:nearest to|farthest from) the (?:nearest )?(.+)$")
+"""What distances are from, in the words for something that is nearest to it."""
+GIVEN = "where the command was given"
+CandidatesAt = Callable[[str, Pose2], Sequence[Candidate]]
+TURNS = ("face", "with_object_on_left", "with_object_on_right")
+"""Primitives whose goals the robot does not drive to."""
 _CHOOSES = re.compile(rf"\b(?:{'|'.join(_CHOOSERS)})\(")
 """Calls with which a program chooses otherwise than by name and rank."""
 _FROM_A_SIDE = re.compile(rf'robot\.\w+\((?:nth|first)\(order\(.*, "({"|".join(SIDES)})"\)(?:, (\d+))?\)')
 """A call that names its object by a rank from a side, of its class or of some of it; the first one without its rank."""
 
 
-def why_text(answer: Answer, candidates: Sequence[Candidate], pose: Pose2) -> str:
+def why_text(answer: Answer, candidates: Sequence[Candidate], pose: Pose2, there: str = GIVEN) -> str:
     """Explain why the robot goes to this instance and to no other of its class; empty if there was no choice.
 
     Args:
         answer: with the goals.
         candidates: all instances of the goals' class, the closest to where the command was given first.
         pose: where the robot was then.
+        there: what that place is called.
     """
     chosen = dict.fromkeys(goal.instance or 0 for goal in answer.goals)
     mine = [c for c in candidates if c.instance.id in chosen]
@@ -88,7 +95,7 @@ def why_text(answer: Answer, candidates: Sequence[Candidate], pose: Pose2) -> st
     if len(candidates) == 1:
         words = next((goal.words for goal in answer.goals if goal.words), "")
         only = words or f"{label} on this map"
-        return f"{_cap(name)} is the only {only}, {one.distance_m:.2f} m from where the command was given."
+        return f"{_cap(name)} is the only {only}, {one.distance_m:.2f} m from {there}."
     from_side = _FROM_A_SIDE.search(answer.program or "")
     if from_side and int(from_side[2] or 1) != one.rank:
         from_side = None
@@ -96,7 +103,7 @@ def why_text(answer: Answer, candidates: Sequence[Candidate], pose: Pose2) -> st
     if goal.among and not goal.away_m and (from_side or _asked_order(answer, candidates)):
         nth = _NTH[one.rank].strip() or "first" if one.rank < len(_NTH) else f"{one.rank}th"
         words = next((goal.words for goal in answer.goals if goal.words), "")
-        side, away = from_side[1] if from_side else "", f"{one.distance_m:.2f} m from where the command was given."
+        side, away = from_side[1] if from_side else "", f"{one.distance_m:.2f} m from {there}."
         sees = f", as the robot looks (to the {pose.looks})" if side in ("left", "right") else ""
         # Of some, such as those in a room, "the third of 5 that fit".
         fit = "" if not from_side or f'order(things("{label}"), ' in from_side[0] else " that fit"
@@ -108,10 +115,43 @@ def why_text(answer: Answer, candidates: Sequence[Candidate], pose: Pose2) -> st
     closest = f"the {nth}closest to"
     if one.rank == len(candidates) > 2:
         closest = f"the farthest of {len(candidates)} from"
-    text = f"{name} is {closest} where the command was given: {one.distance_m:.2f} m in a straight line;"
-    if goal.away_m:
+    text = f"{name} is {closest} {there}: {one.distance_m:.2f} m in a straight line;"
+    if goal.away_m and goal.words:
         text = f"{name} is the {goal.words}: {one.distance_m:.2f} m from it;"
+    elif goal.away_m:
+        asked = f"the {nth}{label} in the order that was asked for"
+        text = f"{name} is {asked}, {one.distance_m:.2f} m from what is named;"
     return " ".join([_cap(text), _others(one, candidates), *([] if goal.away_m else _choice(answer))])
+
+
+def each_why(answer: Answer, candidates_at: CandidatesAt, pose: Pose2, *, most: int = 4) -> list[str]:
+    """Explain why the robot goes to each of several things, where there was a choice; nothing for more than ``most``.
+
+    Args:
+        answer: with the goals.
+        candidates_at: finds all instances of a class, the closest to a pose first.
+        pose: where the command was given.
+        most: of a tour of many things the outcome says enough.
+    """
+    texts: dict[int, str] = {}
+    here, there = pose, GIVEN
+    for goal in answer.goals:
+        other = Goal(goal.primitive, goal.other_label, goal.other_instance, goal.point_m)
+        for one in (goal, other):
+            if not one.label or not one.instance or one.instance in texts:
+                continue
+            mine, candidates = replace(answer, goals=(one,), program=""), candidates_at(one.label, here)
+            closest = [candidate.instance.id for candidate in candidates[:2]]
+            text = why_text(mine, in_asked_order(mine, candidates), here, there) if len(candidates) > 1 else ""
+            if goal.label == goal.other_label and closest == [goal.instance, goal.other_instance]:
+                count = plural(len(candidates), one.label)
+                text = f"This map has {count}: {closest[0]} and {closest[1]}, the two closest to {there}, are meant."
+                text = text if one is goal and len(candidates) > 2 else ""
+            texts[one.instance] = text
+        if goal.primitive not in TURNS:
+            here, there = Pose2(*goal.point_m, here.yaw_rad), "where the robot is then"
+    said = [text for text in texts.values() if text]
+    return said if len(texts) <= most else []
 
 
 def beyond_text(simap: SIMap, answer: Answer) -> str:
@@ -130,13 +170,16 @@ def beyond_text(simap: SIMap, answer: Answer) -> str:
     return f"It stops on the far side of {name}: nowhere on the near side is there room to get as close."
 
 
-def candidate_labels(candidates: Sequence[Candidate], chosen: Collection[int], most: int = 5) -> list[Label]:
+def candidate_labels(
+    candidates: Sequence[Candidate], chosen: Collection[int], most: int = 5, away: str = "away"
+) -> list[Label]:
     """Number what a command could mean: "▶ 3 · chair 18 · 2.6 m away" is the chosen one, "1 · chair 7" another.
 
     Args:
         candidates: in the order that was asked for.
         chosen: ids of the chosen ones.
         most: how many others to number; none of them comes after the last chosen one.
+        away: what the distances are, such as "from the lamp".
 
     Returns:
         the chosen ones first.
@@ -144,7 +187,7 @@ def candidate_labels(candidates: Sequence[Candidate], chosen: Collection[int], m
     mine = [c for c in candidates if c.instance.id in chosen]
     last = max((c.rank for c in mine), default=len(candidates))
     others = [c for c in candidates if c.instance.id not in chosen and c.rank <= last][:most]
-    texts = [(f"▶ {c.rank} · {c.instance.name} · {c.distance_m:.1f} m away", c.instance) for c in mine]
+    texts = [(f"▶ {c.rank} · {c.instance.name} · {c.distance_m:.1f} m {away}", c.instance) for c in mine]
     texts += [(f"{c.rank} · {c.instance.name}", c.instance) for c in others]
     return [label_of(text, one) for text, one in texts]
 
@@ -805,13 +848,17 @@ class CommandPanel(Panel):
             return goal_labels(simap, answer.goals) or answer_labels(simap, told), tuple(filter(None, [counted]))
         labels = {goal.label for goal in answer.goals if goal.label}
         of_one_class = len(labels) == 1 and not any(goal.other_label for goal in answer.goals)
-        if self._services.candidates is None or not of_one_class or not answer.goals[0].label:
-            return goal_labels(simap, answer.goals), ()
-        candidates = in_asked_order(answer, self._services.candidates(simap, labels.pop(), self._page.pose))
+        find = self._services.candidates
+        if find is None or not of_one_class or not answer.goals[0].label:
+            each = [] if find is None else each_why(answer, functools.partial(find, simap), self._page.pose)
+            return goal_labels(simap, answer.goals), tuple(each)
+        candidates = in_asked_order(answer, find(simap, labels.pop(), self._page.pose))
         chosen = {goal.instance or 0 for goal in answer.goals}
         why = why_text(answer, candidates, self._page.pose)
         why = " ".join(filter(None, [why, why and self._of_them_specks([one.instance.id for one in candidates])]))
-        return candidate_labels(candidates, chosen), tuple(filter(None, (why, beyond_text(simap, answer))))
+        away = _FROM_WHAT.search(answer.goals[0].words) if answer.goals[0].away_m else None
+        what = f"from the {away[1]}" if away else "from it" if answer.goals[0].away_m else "away"
+        return candidate_labels(candidates, chosen, away=what), tuple(filter(None, (why, beyond_text(simap, answer))))
 
     def _of_them_specks(self, ids: Collection[int]) -> str:
         """Return words for how many of several objects the legend counts as specks; empty where none is one."""
