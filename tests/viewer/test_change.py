@@ -173,11 +173,14 @@ def test_a_moved_slider_says_what_it_changed_and_one_button_shows_before(monkeyp
         assert session.wait_idle() and np.array_equal(session.simap.instance, whole.instance) and panel.percent == 5.0
         # The same change, whichever side of it is shown.
         assert f"Before: K 5 %. After, K 30 %: {said}<" in panel._change.content
-        assert panel._step.label == f"Show each of {len(changes)} changes"
+        assert panel._step.label == f"{changes[0].text} (1 of {len(changes)}): show the next"
+        assert drawn[-1][1] == changes[0].before
+        assert panel._reset.visible and panel._reset.disabled  # it keeps its place
         panel._show_next()
-        assert drawn[-1][1] == changes[0].before and panel._step.label.startswith(changes[0].text)
+        assert drawn[-1][1] == changes[1].before and panel._step.label.startswith(changes[1].text)
         panel.peek()
         assert session.wait_idle() and np.array_equal(session.simap.instance, cut.instance) and panel.percent == 30.0
+        assert drawn[-1][1] == changes[1].after and panel._reset.visible and not panel._reset.disabled
         session.take_map(toy_map())  # another map: nothing was changed by hand
         assert session.wait_idle() and not panel._change.visible and drawn[-1][1] == ()
 

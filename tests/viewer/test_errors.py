@@ -115,3 +115,33 @@ def test_the_list_marks_where_errors_end_and_what_a_slider_has_to_do_with_one(mo
         assert panel._end.visible and len(before) == len(errors_of)
     finally:
         server.stop()
+
+
+def test_what_is_shown_of_an_entry_goes_with_its_list(monkeypatch):
+    simap = replace(toy_map(), instances=tuple(replace(one, frames=1, score=0.1) for one in toy_map().instances))
+    server, selected, drawn = viser.ViserServer(host="127.0.0.1", port=free_port(), verbose=False), [], []
+    monkeypatch.setattr(errors, "specks_on", lambda page: frozenset())
+    try:
+        scene = SimpleNamespace(show_changed=lambda simap, ids: drawn.append(tuple(ids)))
+        page = SimpleNamespace(
+            gui=server.gui, simap=simap, panels={}, select=selected.append, finish=lambda: None, scene=scene,
+            submit=lambda name, job: job() if name == "errors" else None,
+            viewpoints=SimpleNamespace(look_at=lambda extent: None),
+        )  # fmt: skip
+        maker = SimpleNamespace(has_truth=False, sources=lambda _: (), make=None)
+        panel = ErrorsPanel(cast(Page, page), cast(MapMaker, maker))
+        panel._list_now()
+        assert len(panel._entries) > errors.LISTED
+        for leave in (lambda: panel._turn(1), lambda: panel._turn(-1), panel._list_other):
+            panel._choose(0)
+            assert selected[-1] == panel._entries[panel._first].selects
+            assert panel._entries[panel._first].more in panel._more.content
+            chosen = panel._entries[panel._first].more
+            leave()
+            assert selected[-1] is None and drawn[-1] == () and panel._chosen == -1
+            assert chosen not in panel._more.content
+        panel._choose(0)
+        panel._turn(-1)  # the first page is shown
+        assert panel._chosen == 0
+    finally:
+        server.stop()

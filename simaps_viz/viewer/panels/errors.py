@@ -76,7 +76,7 @@ class ErrorsPanel(Panel):
         # Where all frames have to be read for the truth, that is asked for.
         first = ERRORS if maker.has_truth else DOUBTS
         self._which = gui.add_dropdown("List", names, initial_value=first, visible=self._known, hint=ABOUT)
-        by_person(self._which, self._list)
+        by_person(self._which, self._list_other)
         self._about = gui.add_html("")
         rows = [functools.partial(self._choose, at) for at in range(LISTED)]
         self._rows = [button(gui, "-", do, color="gray", visible=False) for do in rows]
@@ -102,6 +102,19 @@ class ErrorsPanel(Panel):
     def _list_if_open(self) -> None:
         if self._open and self._listed is not self._page.simap:
             self._list()
+
+    def _list_other(self) -> None:
+        self._leave_entry(deselect=True)
+        self._list()
+
+    def _leave_entry(self, *, deselect: bool = False) -> None:
+        """Take away what is shown of the chosen entry."""
+        if self._chosen >= 0:
+            self._chosen = -1
+            self._views.hide()
+            self._page.scene.show_changed(self._page.simap, ())
+            if deselect:
+                self._page.select(None)
 
     def _list(self) -> None:
         self._listed = None
@@ -156,8 +169,11 @@ class ErrorsPanel(Panel):
 
     def _turn(self, step: int) -> None:
         last = max(0, (len(self._entries) - 1) // LISTED * LISTED)
-        self._first = min(max(0, self._first + step * LISTED), last)
-        self._fill()
+        first = min(max(0, self._first + step * LISTED), last)
+        if first != self._first:
+            self._leave_entry(deselect=True)
+            self._first = first
+            self._fill()
 
     def _choose(self, at: int) -> None:
         number, page = self._first + at, self._page
@@ -177,9 +193,7 @@ class ErrorsPanel(Panel):
         """Take away the true outlines once another object is selected."""
         entry = self._entries[self._chosen] if self._chosen >= 0 else None
         if entry is not None and instance_id != entry.selects:
-            self._chosen = -1
-            self._views.hide()
-            self._page.scene.show_changed(self._page.simap, ())
+            self._leave_entry()
             self._fill()
 
     def _show_views(self, entry: Entry) -> None:

@@ -56,7 +56,7 @@ SPECKS_HINT = "What has less is faint and not counted; commands and exports have
 MapState = tuple[ColorMode, int, str | None, bool, tuple[int, float, int], Cut | None]
 GROUND_ID = 1 << 23
 """Ids of objects are less, in what the page's script is sent."""
-ABOUT = "What a camera with depth saw. Point at a thing to see its name, click or tap it to ask why."
+ABOUT = "What a camera with depth saw. Point at a thing in the top view to see its name, click or tap it to ask why."
 LEGEND_STYLE = "border-block:1px solid rgba(128,128,128,.25);margin-bottom:.4em"
 """Inline style of the legend."""
 
@@ -208,7 +208,7 @@ class MapPanel(Panel):
         if cut != before[1] and simap is not before[0]:
             back = not self._page.cut_here and not self._peeking  # as the map came: nothing is moved
             self._was = self._from if self._from[1] != cut and not back else None
-        self._reset.visible = self._page.cut_here
+        self._reset.visible = self._page.cut_here or self._was is not None  # also while the map before is looked at
         self._describe_change()
         if color_modes(simap) != tuple(self._mode.options):
             self._mode.options = color_modes(simap)
@@ -223,8 +223,8 @@ class MapPanel(Panel):
     def _describe_change(self) -> None:
         was, now = self._was, self._shown
         self._change.visible = self._peek.visible = was is not None
-        self._step.visible, self._looked = False, 0
         if was is None:
+            self._step.visible, self._looked = False, 0
             self._outline(now, ())
             return
         before, after = (now, was[0]) if self._peeking else (was[0], now)
@@ -233,12 +233,18 @@ class MapPanel(Panel):
         said = change_text(self._counted(before), self._counted(after), changes, len(edges))
         said = f"{at}. After, {cut_text(now, was[1], self._shown_cut)}: {said}" if self._peeking else f"{at}: {said}"
         self._change.content = f'<div class="simaps-change" data-shown="{escape(at)}">{_line(said)}</div>'
-        self._changed = changes or edges
-        self._outline(now, [one for change in self._changed for one in self._ids_now(change)])
-        if self._changed:
-            what = ("change" if changes else "changed outline") + "s" * (len(self._changed) > 1)
-            self._step.label = f"Show {'the' if len(self._changed) == 1 else f'each of {len(self._changed)}'} {what}"
-            self._step.visible = True
+        found = changes or edges
+        same = [one.text for one in found] == [one.text for one in self._changed]
+        self._changed = found
+        if same and self._looked:  # before and after: the same change is looked at
+            self._outline_looked()
+            return
+        self._looked = 0
+        self._outline(now, [one for change in found for one in self._ids_now(change)])
+        if found:
+            what = ("change" if changes else "changed outline") + "s" * (len(found) > 1)
+            self._step.label = f"Show {'the' if len(found) == 1 else f'each of {len(found)}'} {what}"
+        self._step.visible = bool(found)
 
     def _ids_now(self, change: Change) -> tuple[int, ...]:
         """Return the objects of a change that are on the map that is shown."""
@@ -259,9 +265,15 @@ class MapPanel(Panel):
         change = self._changed[self._looked % len(self._changed)]
         self._looked = self._looked % len(self._changed) + 1
         self._step.label = f"{change.text} ({self._looked} of {len(self._changed)}): show the next"
-        now = self._ids_now(change)
-        self._outline(self._shown if now else self._was[0], now or change.before or change.after)
+        self._outline_looked()
         self._page.viewpoints.look_at(with_margin(change.extent_m, share=1.0, least_m=1.5))
+
+    def _outline_looked(self) -> None:
+        """Outline the change that is looked at, on the map where it is."""
+        change = self._changed[self._looked - 1]
+        now = self._ids_now(change)
+        simap = self._shown if now or self._was is None else self._was[0]
+        self._outline(simap, now or change.before or change.after)
 
     def _outline(self, simap: SIMap, ids: Sequence[int]) -> None:
         """Outline what changed, for a moment."""
@@ -359,6 +371,7 @@ class MapPanel(Panel):
         self._offer_tint()
         for widget in (self._k, self._resolution, self._reset):
             widget.disabled = not simap.instances and not simap.graphs
+        self._reset.disabled |= not self._page.cut_here
         faint = Counter(one.label for one in simap.instances if one.id in specks)
         seen = self.mode == "instance" or not self._in_space  # on a photo of the floor plan, objects are outlined
         legend = legend_html(counted, self.mode, self._page.theme, buttons=True, specks=faint, colored=seen)
