@@ -1,7 +1,7 @@
 """Which objects of a map are doubtful, by what the map itself knows: for maps whose truth nobody knows."""
 
 from collections import defaultdict
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,8 @@ LARGE, SMALL, ENOUGH = 2.0, 0.4, 4
 """Times the usual area of a class of at least so many objects, from which on a size is a reason for doubt."""
 THIN = 0.15
 """Of the floor below its box an object that nothing hides has more than this share of cells."""
+INSIDE = 0.5
+"""A thing that is seen from above, and lies inside another one with more than this share, may be a part of that."""
 MIN_SHARE = 0.15
 """A part with a smaller share of the object makes no two of it."""
 HALF_CELLS = 30
@@ -45,6 +47,7 @@ def doubts(simap: SIMap, but: Collection[int] = ()) -> tuple[Doubt, ...]:
     """Return the doubtful objects of a map, the most doubtful first, without those whose ids are in ``but``."""
     found: dict[int, list[tuple[float, str, str]]] = defaultdict(list)
     areas = {label: [one.cells for one in simap.of_class(label) if one.id not in but] for label in simap.counts()}
+    names = {one.id: one for one in simap.instances}
     sure_frames = min(SURE_FRAMES, len(simap.frame_names) / FRAMES_PER_GLANCE + 1.0)
     # What the frames said of it, and how large it is.
     for one in simap.instances:
@@ -64,11 +67,11 @@ def doubts(simap: SIMap, but: Collection[int] = ()) -> tuple[Doubt, ...]:
             share = one.area_m2(simap.spec.cell_size_m) / max(long_m * wide_m, 1e-6)
             text = f"Its surface spans {long_m:.1f} × {wide_m:.1f} m, but it has {plural(one.cells, 'cell')} only."
             about.append((0.8 * (1.0 - share / THIN), "few cells for its size", f"{text} It may be a part, or none."))
+        about += _shared_places(one, names)
     # How near it is to being two, or one with another.
     log, threshold = simap.merges, joining_threshold(simap.method, simap.parameters)
     applied, owner = applied_steps(log, threshold), owner_of_community(simap)
     cells = np.bincount(simap.community.reshape(-1), minlength=len(owner)).astype(np.int64)
-    names = {one.id: one for one in simap.instances}
     for at, (source, target) in enumerate(zip(log.source.tolist(), log.target.tolist(), strict=True)):
         one, other = names.get(int(owner[source])), names.get(int(owner[target]))
         doubt = 0.7 * (1.0 - abs(float(log.score[at]) - threshold) / SLIM)
@@ -94,6 +97,17 @@ def doubts(simap: SIMap, but: Collection[int] = ()) -> tuple[Doubt, ...]:
             weight = large * (1.0 - float(np.prod([1.0 - weight for weight, _, _ in why])))
             listed.append(Doubt(names[number], weight, why[0][1], tuple(text for _, _, text in why)))
     return tuple(sorted(listed, key=lambda doubt: (-doubt.weight, doubt.instance.id)))
+
+
+def _shared_places(one: Instance, shown: Mapping[int, Instance]) -> list[tuple[float, str, str]]:
+    """Return why a thing may be a part of one of another class, as a suitcase in the middle of a couch is."""
+    found = []
+    for number, share in one.inside.items():  # not what stands on it
+        other = shown.get(number)
+        if other is not None and share > INSIDE and other.label != one.label:
+            text = f"{share:.0%} of it lies inside {other.name}: it may be a part of that, or none."
+            found.append((share, f"shares its place with {other.name}", text))
+    return found
 
 
 def _usual(areas: list[int]) -> float:

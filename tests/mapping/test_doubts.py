@@ -40,6 +40,19 @@ def test_an_object_of_few_cells_below_a_large_box_is_doubtful(monkeypatch):
         assert (said.get(couch.id) == "few cells for its size") == doubtful
 
 
+@pytest.mark.parametrize(("on", "inside", "doubtful"), [({8: 1.0}, {}, False), ({8: 1.0}, {8: 0.7}, True)])
+def test_what_lies_inside_a_thing_of_another_class_may_be_a_part_of_it(monkeypatch, on, inside, doubtful):
+    simap = toy_map()
+    sure = replace(simap, instances=tuple(replace(one, score=0.95, frames=50) for one in simap.instances))
+    couch, table = sure.of_class("couch")[0], sure.by_id(8)
+    box = Box((0.0, 0.0, 0.5), (0.1, 0.1, 0.1), 0.0)
+    monkeypatch.setattr(SIMap, "in_space", {couch.id: InSpace(box, on, {}, inside, 100, (0, 0, 0))})
+    said = {one.instance.id: one for one in doubts(sure)}
+    assert (couch.id in said) == doubtful and table.label != couch.label
+    if doubtful:
+        assert said[couch.id].brief == f"shares its place with {table.name}" and "70%" in said[couch.id].reasons[0]
+
+
 def test_what_a_slim_margin_joins_or_leaves_apart_is_doubtful():
     simap = toy_map()
     sure = replace(simap, instances=tuple(replace(one, score=0.95, frames=50) for one in simap.instances))

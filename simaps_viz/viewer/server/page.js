@@ -105,8 +105,9 @@
   const SAYS = { 'Recorded build': 'How this map came about, frame by frame, as it was recorded: camera, masks, the map as it grew' };
   const fitTabs = () => {  // where the words of all tabs do not fit in one row, the last ones are icons with a tooltip
     for (const row of document.querySelectorAll('[data-dock-strip], .mantine-Tabs-list')) {
-      const all = [...row.querySelectorAll(':scope > [role=tab]')], words = all.map(titleOf).join(), wide = row.clientWidth;
-      if (!wide || row.dataset.fits === `${words} ${wide}`) continue;
+      const all = [...row.querySelectorAll(':scope > [role=tab]')], words = all.map(titleOf).join();
+      const wide = row.clientWidth - parseFloat(getComputedStyle(row).paddingRight);
+      if (wide <= 0 || row.dataset.fits === `${words} ${wide}`) continue;
       for (let one = row.parentElement; one && !['scroll', 'auto'].includes(getComputedStyle(one).overflowY); one = one.parentElement)
         if (getComputedStyle(one).overflowY === 'hidden' && row.role === 'tablist') one.style.overflowY = 'clip';  // or it would scroll away
       for (const one of all) { delete one.dataset.bare; one.title = SAYS[titleOf(one)] || titleOf(one); }
