@@ -3,6 +3,7 @@
 import ast
 import subprocess
 import sys
+from fnmatch import fnmatch
 from pathlib import Path
 
 import pytest
@@ -26,3 +27,11 @@ def test_importing_the_package_loads_neither_page_nor_recorder():
     code = f"import sys, simaps_viz; simaps_viz.load_map; print([m for m in {HEAVY!r} if m in sys.modules])"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
     assert out.stdout.strip() == "[]"
+
+
+def test_every_folder_of_tests_is_looked_into(pytestconfig):
+    """Of pytest's own list a folder called build is none: tests in it were never run by ``make test``."""
+    folders = {path.parent.relative_to(ROOT) for path in (ROOT / "tests").rglob("test_*.py")}
+    names = {part for folder in folders for part in folder.parts}
+    assert {"build", "docs"} <= names
+    assert not [(name, out) for name in names for out in pytestconfig.getini("norecursedirs") if fnmatch(name, out)]

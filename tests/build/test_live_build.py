@@ -46,7 +46,7 @@ def test_stopped_and_gone_on_with_it_ends_in_the_same_bytes_and_panels_come(tmp_
             assert build.state().status == "done" and "m.npz" in build.state().notice
             assert bench.wait_idle()
             titles = session.panels.titles
-            assert set(titles) == {"Progress", *ALWAYS, "Compare", "Masks", "Mend", "Share"}
+            assert set(titles) == {"Progress", *ALWAYS, "Errors", "Compare", "Masks", "Mend", "Share"}
             assert len(session.simap.frame_names) == 40 and not session.services.building
             session.show_frame(2)
             assert session.wait_idle()

@@ -68,7 +68,7 @@ def test_files_that_hold_nothing(tmp_path: Path, data: bytes) -> None:
 
 def test_a_file_of_other_messages_is_called_so(tmp_path: Path) -> None:
     """Messages of ships, as in RISE-Maritime/keelson."""
-    (tmp_path / "drive.mcap").write_bytes(mcap([(0.0, "ais", "json", "Position", "jsonschema", "{}", b"{}")]))
+    (tmp_path / "drive.mcap").write_bytes(mcap([(0.0, "ais", "json", "Position", "jsonschema", b"{}", b"{}")]))
     with pytest.raises(InputError, match="found no messages of ROS or of Foxglove's schemas"):
         open_sequence(tmp_path / "drive.mcap")
 
