@@ -136,7 +136,7 @@ class Layout:
         gui.add_html(
             f'<iframe title="Tab" style="{wide}" src="{page.workbench.tab_host.url_for(page.token)}"></iframe>'
         )
-        self._recording, self._is_phone = _dock_recording(page), False
+        self._page, self._recording = page, _dock_recording(page)
         # The main panel: help and keys above the tabs.
         page.panels.place("head", gui, specs)
         tabs = gui.add_tab_group()
@@ -155,11 +155,11 @@ class Layout:
             beside = int((1.0 - MAP_SHARE) * page_px) - PANEL_WIDTH_PX - 2 * RIM_PX
             self._recording.set_width(min(RECORDING_WIDTH_PX, beside))
             self._recording.expand()
-        self._is_phone = isinstance(page_px, int | float) and page_px < PHONE_PX
+        self._page.is_phone = isinstance(page_px, int | float) and page_px < PHONE_PX
 
     def unfold_recording(self) -> None:
         """Show the recorded build beside the map, but for a phone, which has no room for both."""
-        if self._recording is not None and not self._is_phone:
+        if self._recording is not None and not self._page.is_phone:
             self._recording.expand()
 
     def open_tab(self, title: str, only_from: str, focus: str) -> None:

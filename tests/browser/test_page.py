@@ -38,6 +38,7 @@ from simaps_viz.viewer.panels.recordings import recordings_panel
 from simaps_viz.viewer.panels.share import SHARE
 
 CHAIR_1, COUCH = 1, 5
+FLOOR = (3.0, -0.9)
 RIGHT = re.compile("^Right$")
 """The label of the choice itself, and not of the sliders below it."""
 MIN_PX = 12.0
@@ -217,6 +218,28 @@ def test_on_a_phone_a_list_opens_beside_its_box_and_the_panels_stay(browser, ben
         assert box.bounding_box() == place
         assert place["x"] <= chosen["x"] and chosen["x"] + chosen["width"] <= place["x"] + place["width"] <= 420
         assert chosen["y"] + chosen["height"] <= 860
+
+
+HEIGHTS = """(what) => [...document.querySelectorAll(what)].filter((one) => one.checkVisibility())
+  .map((one) => one.getBoundingClientRect().height)"""
+
+
+def test_on_a_phone_fingers_find_buttons_and_thumbs_and_a_tap_beside_objects_is_answered(browser, bench):
+    with watched_page(browser, 420, 860, has_touch=True, is_mobile=True) as page:
+        open_workbench(page, bench)
+        for what, least in ((".mantine-Button-root", 28), (".simaps-class, .simaps-fade", 28), ("[role=slider]", 18)):
+            heights = page.evaluate(HEIGHTS, what)
+            assert heights and min(heights) >= least, what
+        session, chair = mine(bench), bench.simap.of_class("chair")[0]
+        page.locator("textarea[aria-label=Find]").fill(f"{chair.name}\n")
+        until(page, lambda: session.selected == chair.id)
+        expect(page.get_by_text("The north arrow shows the whole map again.")).to_be_visible()
+        expect(page.get_by_text("Esc, then key T")).to_be_hidden()
+        page.locator(".simaps-north").tap()
+        until(page, lambda: page_is_there(bench, page, session.simap))
+        page.touchscreen.tap(*place_on(page, bench.simap, *FLOOR))
+        expect(page.get_by_text("Nothing here")).to_be_visible()
+        until(page, lambda: session.selected is None)
 
 
 def test_a_hint_stands_beside_the_panels_and_covers_nothing_of_them(page):

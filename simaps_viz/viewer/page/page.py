@@ -98,6 +98,8 @@ DEFAULT_RESOLUTION = 1.0
 MIN_RESOLUTION, MAX_RESOLUTION = 0.05, 5.0
 """Range of the slider for the Louvain resolution."""
 BESIDE_FLOOR = ("Nothing was clicked", "That was beside the floor. Click a point on the map.")
+NOTHING_HERE = ("Nothing here", "The floor, a wall, or never seen. Nothing is selected.")
+"""What a tap on a phone is answered, where the pointer's hint would have said so before a click."""
 AIM_M = 0.1
 """A click so near to an object selects it: objects have holes. The page's script outlines by the same distance."""
 MAP_TABS, SELECTED_TAB = "Map|Compare|Masks", "Instance"
@@ -181,6 +183,8 @@ class Page:
         self.time = TimeStep(self.last_frame)
         self.as_it_was = True
         """Whether an earlier frame shows the map as it was after that frame, instead of the finished map."""
+        self.is_phone = False
+        """Whether the page is as narrow as a phone's."""
         self.pose = workbench.start or Pose2(0.0, 0.0, 0.0)
         """Where the robot is."""
         self.players: dict[str, Player] = {}
@@ -545,6 +549,8 @@ class Page:
             self.say(*BESIDE_FLOOR)
         elif position is None or not self.panels.take_click(*position):
             self.pick(position if position is None else aimed_at(self.simap, position))
+            if self.is_phone and self.picked is None:
+                self.say(*NOTHING_HERE)
 
     def _notify(self, title: str, text: str, color: Any, seconds: float) -> None:
         if not self._closed:

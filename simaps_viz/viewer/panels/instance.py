@@ -42,6 +42,11 @@ _ID = re.compile(r"#(\d+)")
 LIST_HINT = f"Select an object. Of more than {MAX_LISTED} only the largest are listed; Find finds them all."
 NO_VIEWS = "Its best views would come from the frames of this map, which are not on this machine."
 RECORDED_VIEWS = "The frames are not on this machine; Show frame goes to its best views in the recorded build."
+WHOLE_MAP = (
+    '<span class="simaps-keys">Esc, then key T, shows the whole map again.</span>'
+    '<span class="simaps-touch">The north arrow shows the whole map again.</span>'
+)
+"""A page has the words for its keys or for fingers."""
 HELP = f'<div style="{BOX_STYLE}">Click an object on the map, choose it from the list, or type its name.</div>'
 
 
@@ -198,11 +203,12 @@ class FindBox(Panel):
             ]
             names[at] += ", shown"
             said = "; ".join(names) + "."
-        self._report(f"{said} Esc, then key T, shows the whole map again.".strip())
+        self._report(said, WHOLE_MAP)
 
-    def _report(self, text: str) -> None:
-        self._status.content = f'<div role="status" style="{BOX_STYLE};{DIM_STYLE}">{escape(text)}</div>'
-        self._status.visible = bool(text)
+    def _report(self, text: str, then: str = "") -> None:
+        said = f"{escape(text)} {then}".strip()
+        self._status.content = f'<div role="status" style="{BOX_STYLE};{DIM_STYLE}">{said}</div>'
+        self._status.visible = bool(said)
 
 
 class FrameGallery:
