@@ -551,7 +551,7 @@ class Robot:
         if target.id in self._avoided:
             raise CommandError(f"The robot is to keep away from {self._avoided[target.id]}, and cannot go there too.")
         cells = self.grounding.cells_of(target)
-        path = self._plan_near(cells, f"to the {target.label}", see_through=self._see_through(target))
+        path = self._plan_near(cells, f"to {target.name}", see_through=self._see_through(target))
         self._go(primitive, path, target)
 
     def _plan_near(self, targets_m: NDArray, what: str, **wishes: Any) -> Path:

@@ -41,6 +41,7 @@ from simaps_viz.viewer.panels.command import (
     entered,
     exchanges_html,
     in_asked_order,
+    named_in,
     program_html,
     why_text,
 )
@@ -121,6 +122,10 @@ def test_a_stop_on_the_far_side_has_its_reason():
         name = simap.of_class("counter")[0].name
         assert beyond_text(simap, said).startswith(f"It stops on the far side of {name}: nowhere on the near") == beyond
         assert beyond_text(simap, answer(simap, "go to the north side of the counter", start)) == ""  # as it was asked
+    stray, stop = simap.instance.copy(), said.final_pose
+    stray[simap.spec.cell_of(stop.x_m, stop.y_m + 0.6)] = said.goals[0].instance  # passed from the north, too
+    north = replace(said, path_m=np.array([[stop.x_m, stop.y_m + 1.2], [stop.x_m, stop.y_m]]))
+    assert beyond_text(replace(simap, instance=stray), north) == ""  # it stops on the side that it comes from
 
 
 def test_a_stop_far_from_the_thing_has_its_reason():
@@ -155,6 +160,13 @@ def test_outcome_text_names_both_things_it_goes_between():
     assert outcome_text(said).startswith("Between the dining table and the chair, a path of ")
     refused = answer(toy_map(), "go to the piano", TOY_POSE)
     assert outcome_text(refused) == "There is no piano on this map."
+
+
+def test_what_a_reason_names_is_found():
+    simap = toy_map()
+    chair = simap.of_class("chair")[0]
+    assert named_in(simap, f"the robot cannot get to {chair.name}: the nearest it can stand is 2 m off") == [chair.id]
+    assert named_in(simap, f"{chair.name}0 and the chair") == []
 
 
 def test_each_of_several_things_says_why_it_is_meant():
@@ -507,6 +519,11 @@ def test_what_a_typed_command_would_mean_is_marked_and_nothing_runs(monkeypatch)
         assert page.pose == TOY_POSE and not panel.driving and not panel._past and "Go does this" in shown(bench)
         types("go to the third chai and")
         assert marked() == ([], None) and "Not a command yet" in shown(bench)
+        page.robot, slim = replace(page.robot, radius_m=0.5), page.robot
+        types("go to the plant")  # which it cannot reach
+        plant = page.simap.of_class("potted plant")[0]
+        assert "Cannot be done" in shown(bench) and marked() == ([plant.name], {plant.id})
+        page.robot = slim
         types("go to the couch")
         assert marked()[1] == {5}
         panel.told({"type": "tabs", "open": ["Errors"]})

@@ -160,13 +160,16 @@ def beyond_text(simap: SIMap, answer: Answer) -> str:
     if goal is None or goal.primitive not in ("move_to_object", "move_to_nth_closest") or not goal.instance:
         return ""
     start, stop = answer.path_m[0], answer.path_m[-1]
+    cells = simap.spec.centres_of(*np.nonzero(simap.instance == goal.instance))
     steps = 2 + int(2.0 * np.hypot(*(stop - start)) / simap.spec.cell_size_m)
     passed = {one.id for x, y in np.linspace(start, stop, steps) if (one := simap.at(float(x), float(y))) is not None}
     name = simap.by_id(goal.instance).name
     if goal.instance not in passed:
-        cells = simap.spec.centres_of(*np.nonzero(simap.instance == goal.instance))
         away_m = np.hypot(*(cells - stop).T).min() if len(cells) else 0.0
         return f"It stops {away_m:.1f} m from {name}: nowhere nearer is there room for it." if away_m > FAR_M else ""
+    nearest = cells[np.hypot(*(cells - stop).T).argmin()]
+    if (stop - nearest) @ (start - nearest) >= 0.0:  # it stops on the side that it comes from
+        return ""
     return f"It stops on the far side of {name}: nowhere on the near side is there room to get as close."
 
 
@@ -216,6 +219,10 @@ def _asked_order(answer: Answer, candidates: Sequence[Candidate]) -> bool:
     return bool(answer.goals and answer.goals[0].among) and distances != sorted(distances)
 
 
+def _undistanced(text: str) -> str:
+    return re.sub(r" · [\d.]+ m \S.*$", "", text)
+
+
 def _cap(text: str) -> str:
     return text[:1].upper() + text[1:]
 
@@ -229,6 +236,11 @@ def goal_labels(simap: SIMap, goals: Sequence[Goal]) -> list[Label]:
                 numbers.setdefault(one, []).append(str(number))
     known = {instance.id: instance for instance in (*simap.instances, *simap.hidden)}
     return [label_of(f"{', '.join(texts)} · {known[i].name}", known[i]) for i, texts in numbers.items() if i in known]
+
+
+def named_in(simap: SIMap, text: str) -> list[int]:
+    """Return the ids of the objects that a text names, as "chair 18"."""
+    return [one.id for one in all_instances(simap) if re.search(rf"\b{re.escape(one.name)}\b", text)]
 
 
 def answer_labels(simap: SIMap, ids: Sequence[int], most: int = 12) -> list[Label]:
@@ -761,6 +773,18 @@ class CommandPanel(Panel):
             x0, y0, x1, y1 = (*places.min(axis=0).tolist(), *places.max(axis=0).tolist())
             self._page.viewpoints.bring_in((x0, y0, x1, y1))
 
+    def _mark_named(self, reason: str) -> None:
+        """Outline and name what the robot cannot get to."""
+        simap = self._page.simap
+        ids = named_in(simap, reason)
+        if ids:
+            self._previews = True
+            self._draw(Marks(labels=answer_labels(simap, ids)))
+            self._light(frozenset(ids))
+            corners = np.array([corner[:2] for one in all_instances(simap) if one.id in ids for corner in one.aabb_m])
+            x0, y0, x1, y1 = (*corners.min(axis=0).tolist(), *corners.max(axis=0).tolist())
+            self._page.viewpoints.bring_in((x0, y0, x1, y1))
+
     def _meant(self, command: str) -> tuple[Answer, Sequence[Label], tuple[str, ...]]:
         """Read and plan a command without running it.
 
@@ -802,6 +826,7 @@ class CommandPanel(Panel):
             return  # it runs, or goes on, meanwhile
         self._clear_marks()  # also what an earlier command meant; what was typed since is still to be read
         if meant is None:
+            self._mark_named(reason)
             self._show_typed(title if reason else "", reason.partition(" Try: ")[0] or TYPING)
             self._outcome = bool(reason)  # gone with the next letter
             return
@@ -902,6 +927,12 @@ class CommandPanel(Panel):
         self._show_progress(None)
         self._ended(answer.status)
         self._show_phase("idle")
+        if answer.status == "ok":  # the robot is elsewhere now
+            self._draw(
+                replace(self._marks, labels=[one._replace(text=_undistanced(one.text)) for one in self._marks.labels])
+            )
+        else:
+            self._mark_named(answer.reason or "")
         done = "Done" if answer.answer is None else "Answer"
         title, tone = {"ok": (done, "good"), "refused": ("Refused", "bad")}.get(answer.status, ("Failed", "bad"))
         self._show_result(title, outcome_text(answer), tone, (*self._why, *answer.notes), answer.suggestions)
