@@ -162,6 +162,16 @@ def test_outcome_text_names_both_things_it_goes_between():
     assert outcome_text(refused) == "There is no piano on this map."
 
 
+def test_a_stop_beside_two_things_that_touch_has_its_reason():
+    for gap_m, aside in ((0.0, True), (1.5, False)):
+        left, right = ("counter", 1.0, 2.5, 2.5, 3.5, 1.0), ("cabinet", 2.5 + gap_m, 2.5, 4.0 + gap_m, 3.5, 1.0)
+        simap = furnished_map({"size_m": (6.0, 6.0), "walls": [], "things": [left, right]})
+        said = answer(simap, "go between the counter and the cabinet", Pose2.from_heading(3.0, 1.0, 0.0))
+        assert said.status == "ok" and said.goals[0].primitive == "move_in_between"
+        text = beyond_text(simap, said)
+        assert text.endswith(": between them is no room for it.") if aside else text == ""
+
+
 def test_what_a_reason_names_is_found():
     simap = toy_map()
     chair = simap.of_class("chair")[0]

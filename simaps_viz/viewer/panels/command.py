@@ -46,7 +46,7 @@ from simaps_viz.navigation.trajectory import (
     trajectory,
     trajectory_of_steps,
 )
-from simaps_viz.structures import Pose2, SIMap
+from simaps_viz.structures import Instance, Pose2, SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel, button, button_row, by_person
 from simaps_viz.viewer.page.shared import Snapshot
@@ -157,6 +157,8 @@ def each_why(answer: Answer, candidates_at: CandidatesAt, pose: Pose2, *, most: 
 def beyond_text(simap: SIMap, answer: Answer) -> str:
     """Explain why the robot stops far from the thing that it is sent to or on its far side; empty where it does not."""
     goal = answer.goals[0] if len(answer.goals) == 1 and len(answer.path_m) > 1 else None
+    if goal is not None and goal.instance and goal.other_instance:
+        return _aside_text(simap.by_id(goal.instance), simap.by_id(goal.other_instance), answer.path_m[-1])
     if goal is None or goal.primitive not in ("move_to_object", "move_to_nth_closest") or not goal.instance:
         return ""
     start, stop = answer.path_m[0], answer.path_m[-1]
@@ -171,6 +173,17 @@ def beyond_text(simap: SIMap, answer: Answer) -> str:
     if (stop - nearest) @ (start - nearest) >= 0.0:  # it stops on the side that it comes from
         return ""
     return f"It stops on the far side of {name}: nowhere on the near side is there room to get as close."
+
+
+def _aside_text(first: Instance, second: Instance, stop: NDArray) -> str:
+    """Explain a stop beside two things that it was to be between; empty where it is between them."""
+    start, line = first.centroid_m[:2], np.subtract(second.centroid_m[:2], first.centroid_m[:2])
+    (x, y), (along_x, along_y) = stop - start, line / np.hypot(*line)
+    aside_m = abs(along_x * y - along_y * x)
+    if aside_m <= ASIDE_M:
+        return ""
+    line_of = f"the line from {first.name} to {second.name}"
+    return f"It stops {aside_m:.1f} m beside {line_of}: between them is no room for it."
 
 
 def candidate_labels(
@@ -339,6 +352,8 @@ def _box(title: str, text: str, paper: str) -> str:
 TITLE = "Command"
 PLACE_HINT = "Set position and heading by two clicks on the map, or put the robot back where it started."
 MIN_HEIGHT_M = 0.1
+ASIDE_M = 0.5
+"""A stop that is to be between two things, and is farther from the line between them, has its reason said."""
 FAR_M = 1.0
 """A stop farther from the edge of the thing it is about has its reason said."""
 HEIGHT_HINT = (
@@ -876,7 +891,7 @@ class CommandPanel(Panel):
         find = self._services.candidates
         if find is None or not of_one_class or not answer.goals[0].label:
             each = [] if find is None else each_why(answer, functools.partial(find, simap), self._page.pose)
-            return goal_labels(simap, answer.goals), tuple(each)
+            return goal_labels(simap, answer.goals), tuple(filter(None, (*each, beyond_text(simap, answer))))
         candidates = in_asked_order(answer, find(simap, labels.pop(), self._page.pose))
         chosen = {goal.instance or 0 for goal in answer.goals}
         why = why_text(answer, candidates, self._page.pose)
