@@ -588,7 +588,7 @@ def _go_position(x: float, y: float) -> Steps:
 
 @_rule("order", "HALT", "STAND (AT? HERE)?")
 def _halt() -> Steps:
-    return (Do(("robot.turn(0)",), notes=("the robot stays where it is",)),)
+    return (Do(("robot.turn(0)",), notes=("in the end the robot stands still",)),)
 
 
 # ---- turning

@@ -594,8 +594,9 @@ def _pooled(method: str, evidence: Joint | Link) -> str:
 
 
 def _below(method: str, threshold: float, link: Link) -> str:
-    needed = needed_text(method, threshold)
-    return f"{'above' if link.score > threshold else 'below'} the {needed} needed"
+    needed, side = needed_text(method, threshold), "above" if link.score > threshold else "below"
+    just = "just " if score_text(method, link.score) == needed else ""  # 59.8 % is written 60 %
+    return f"{just}{side} the {needed} needed"
 
 
 def _sightings(same: int, different: int) -> str:

@@ -140,6 +140,7 @@ def test_sightings_of_a_drawn_row_are_counted_by_hand(row):
         "below the 60 % needed. Pooled over all pairs of their cells: 10 sightings as one, 15 as two. "
         "Imagined ones are added, so that few do not decide."
     )
+    assert "43 %, just above the 43 % needed." in between_words(replace(between(row, 1, 2), threshold=0.43), "a", "b")
 
 
 def owners(simap: SIMap) -> np.ndarray:
