@@ -27,6 +27,7 @@ from simaps_viz.drawing.legend import facts_html
 from simaps_viz.language.commands import read_command
 from simaps_viz.mapping.simap import joining_at, joining_percent, repartition, slider_of
 from simaps_viz.structures import SIMap
+from simaps_viz.viewer.page.shared import keep_numbers
 from simaps_viz.viewer.panels.command import program_html
 from simaps_viz.viewer.panels.map import counts_html, least_frames, specks_of
 
@@ -61,7 +62,9 @@ class Expected:
 
 def expected_of(simap: SIMap) -> Expected:
     """Compute the right answers for a map."""
-    maps = {percent: repartition(simap, **joining_at(simap, percent)) for percent in PERCENTS}
+    # As on the page, an object that stays the same keeps its number.
+    maps = {percent: keep_numbers(repartition(simap, **joining_at(simap, percent)), simap) for percent in PERCENTS}
+    specks = {percent: specks_of(cut, least_frames(cut)) for percent, cut in maps.items()}
     centres = [(float(i.centroid_m[0]), float(i.centroid_m[1])) for i in simap.instances]
     places = [place for place in centres if all(m.at(*place) is not None for m in maps.values())]
     facts = {}
@@ -69,7 +72,7 @@ def expected_of(simap: SIMap) -> Expected:
         for n, place in enumerate(places):
             found = cut.at(*place)
             assert found is not None
-            facts[percent, n] = plain(facts_html(cut, found))
+            facts[percent, n] = plain(facts_html(cut, found, specks[percent]))
     fewest = {label: min(m.counts().get(label, 0) for m in maps.values()) for label in simap.counts()}
     commands = []
     for label, count in fewest.items():
@@ -79,7 +82,7 @@ def expected_of(simap: SIMap) -> Expected:
     return Expected(
         slider_of(simap).title,
         joining_percent(simap),
-        {p: plain(counts_html(m, specks_of(m, least_frames(m)))) for p, m in maps.items()},
+        {percent: plain(counts_html(cut, specks[percent])) for percent, cut in maps.items()},
         facts,
         places,
         commands,

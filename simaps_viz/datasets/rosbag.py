@@ -285,7 +285,7 @@ class Bag:
                 raise InputError(f"{path}: expected a ROS bag, found {found}") from error
 
     def _open_mcap(self) -> str:
-        """Open an MCAP file that rosbags does not read; return what is wrong with it, "" as rosbags said."""
+        """Open an MCAP file that rosbags does not read; return what is wrong with it, "" where its error says so."""
         from simaps_viz.datasets.mcap import McapReader  # noqa: PLC0415 - as above
 
         try:

@@ -1672,11 +1672,11 @@ def _by_so_much(order: Steps, angle: Sequence[Measure] = (), distance: Measure |
     return (*order[:-1], _resized(last, call, measure, default))
 
 
-def _resized(step: Do, call: str, measure: Measure, sizes: Container[str]) -> Do:
-    """Return a turn or move of one of some sizes by another angle or distance."""
+def _resized(step: Do, call: str, measure: Measure, sizes: Container[str] | None = None) -> Do:
+    """Return a turn or move of one of some sizes, None for any, by another angle or distance."""
     for line in step.lines:
         said = re.fullmatch(rf"robot\.{call}\((-?)([\d.]+)\)", line)
-        if said and said[2] in sizes:
+        if said and (sizes is None or said[2] in sizes):
             by = measure.negated if said[1] else measure.text
             lines = tuple(f"robot.{call}({by})" if one == line else one for one in step.lines)
             return replace(step, lines=lines, notes=measure.note)
@@ -2227,7 +2227,7 @@ def _instead_so_much(
     measure = angle or distance or Measure(tidy(n))
     if not isinstance(last, Do):
         raise CommandError("")
-    return (*items[:-1], _resized(last, call, measure, "".join(last.lines)))
+    return (*items[:-1], _resized(last, call, measure))
 
 
 _words("_struck", "(NOWAIT (COMMA | STOP)*)+ items")

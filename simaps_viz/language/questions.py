@@ -55,12 +55,14 @@ def plain_question(sentence: Sentence) -> str:
     things, places = dict[str, str](), list[str]()  # {phrase as program text: its words}
     subject = list[str]()  # who left it there, or what went there
     while at < len(words):
+        # What is asked: of two things one is the more exact, or the sentence is none of these questions.
         kind, end = _asks(sentence, at)
         if kind:
             if not {asked, kind} & _GENERAL and asked != kind:
                 return ""
             asked, at = kind if kind not in _GENERAL or not asked else asked, end
             continue
+        # What it names: the longest place or noun phrase here; any other word must say nothing of its own.
         placing = any(edge.kind in _PLACING for edge in sentence.edges[at])
         place = _longest(chart, words, "relation", at)[0] if placing and words[at + 1 : at + 2] not in _OPEN else at
         end, phrase = _longest(chart, words, "np", at)

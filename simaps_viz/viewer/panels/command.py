@@ -133,6 +133,8 @@ def each_why(answer: Answer, candidates_at: CandidatesAt, pose: Pose2, *, most: 
         pose: where the command was given.
         most: of a tour of many things the outcome says enough.
     """
+    if len({one for goal in answer.goals for one in (goal.instance, goal.other_instance) if one}) > most:
+        return []
     texts: dict[int, str] = {}
     here, there = pose, GIVEN
     for goal in answer.goals:
@@ -150,8 +152,7 @@ def each_why(answer: Answer, candidates_at: CandidatesAt, pose: Pose2, *, most: 
             texts[one.instance] = text
         if goal.primitive not in TURNS:
             here, there = Pose2(*goal.point_m, here.yaw_rad), "where the robot is then"
-    said = [text for text in texts.values() if text]
-    return said if len(texts) <= most else []
+    return [text for text in texts.values() if text]
 
 
 def beyond_text(simap: SIMap, answer: Answer) -> str:
@@ -178,7 +179,7 @@ def beyond_text(simap: SIMap, answer: Answer) -> str:
 def _aside_text(first: Instance, second: Instance, stop: NDArray) -> str:
     """Explain a stop beside two things that it was to be between; empty where it is between them."""
     start, line = first.centroid_m[:2], np.subtract(second.centroid_m[:2], first.centroid_m[:2])
-    (x, y), (along_x, along_y) = stop - start, line / np.hypot(*line)
+    (x, y), (along_x, along_y) = stop - start, line / max(np.hypot(*line), 1e-9)  # one may lie in the other
     aside_m = abs(along_x * y - along_y * x)
     if aside_m <= ASIDE_M:
         return ""
@@ -782,11 +783,8 @@ class CommandPanel(Panel):
         self._draw(Marks(labels=(*labels, goal)))
         meant = frozenset(goals if answer.answer is None else answer.answer["instances"])
         self._light(meant)
-        corners = [corner[:2] for one in all_instances(self._page.simap) if one.id in meant for corner in one.aabb_m]
-        places = np.array([*corners, *answer.path_m])
         if not self._follower.on:
-            x0, y0, x1, y1 = (*places.min(axis=0).tolist(), *places.max(axis=0).tolist())
-            self._page.viewpoints.bring_in((x0, y0, x1, y1))
+            self._bring_in(meant, answer.path_m)
 
     def _mark_named(self, reason: str) -> None:
         """Outline and name what the robot cannot get to."""
@@ -796,9 +794,14 @@ class CommandPanel(Panel):
             self._previews = True
             self._draw(Marks(labels=answer_labels(simap, ids)))
             self._light(frozenset(ids))
-            corners = np.array([corner[:2] for one in all_instances(simap) if one.id in ids for corner in one.aabb_m])
-            x0, y0, x1, y1 = (*corners.min(axis=0).tolist(), *corners.max(axis=0).tolist())
-            self._page.viewpoints.bring_in((x0, y0, x1, y1))
+            self._bring_in(ids)
+
+    def _bring_in(self, ids: Collection[int], path_m: Sequence[Any] | NDArray = ()) -> None:
+        """Bring objects, and a path, into sight."""
+        meant = [one for one in all_instances(self._page.simap) if one.id in ids]
+        places = np.array([*(corner[:2] for one in meant for corner in one.aabb_m), *path_m])
+        x0, y0, x1, y1 = (*places.min(axis=0).tolist(), *places.max(axis=0).tolist())
+        self._page.viewpoints.bring_in((x0, y0, x1, y1))
 
     def _meant(self, command: str) -> tuple[Answer, Sequence[Label], tuple[str, ...]]:
         """Read and plan a command without running it.
