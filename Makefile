@@ -4,9 +4,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 DEV_READY := $(VENV)/.ready-dev
-# Three workers for two cores, as tests of pages mostly wait; tests of one file share their fixtures, and run in the
+# Four workers for two cores, as tests of pages mostly wait; tests of one file share their fixtures, and run in the
 # order of tests/conftest.py.
-WORKERS ?= 3
+WORKERS ?= 4
 IN_WORKERS = -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 # What is imported, and rewritten by pytest, is kept from run to run, also where the environment forbids it.
 test test-fast: export PYTHONDONTWRITEBYTECODE :=
