@@ -134,6 +134,8 @@ class Sets(Grounding):
         """Ids of the things that the last choice was made of, in the order of that choice."""
         self.away_m: tuple[float, ...] = ()
         """How far each of them is from what the nearest to it, or the farthest from it, was asked for; else empty."""
+        self.ranking = ""
+        """How many they are and how they were ordered, in words: "3 chairs, the leftmost first"."""
         self._make_lap, self._keep_off, self._radius_m = lap, keep_off, radius_m
         self.route = route
 
@@ -1054,6 +1056,7 @@ class Sets(Grounding):
     def _choice_of(self, found: Things) -> Things:
         """Remember what is chosen from, in its order, for whoever is shown the choice."""
         self.among = tuple(i.id for i in found.items if isinstance(i, Instance))
+        self.ranking = found.number() + (f", the {found.most} first" if found.most else "")
         measured = not found.most and found.after.startswith(tuple(SAID["most"][key] for key in ("near", "far")))
         self.away_m = tuple(abs(at) * self.simap.spec.cell_size_m for at in found.levels) if measured else ()
         return found

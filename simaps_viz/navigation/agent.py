@@ -119,8 +119,8 @@ _GOAL_WORDS = {
     "face": "facing {}",
     "with_object_on_left": "turned so that {} is on the left",
     "with_object_on_right": "turned so that {} is on the right",
-    "move_to_left": "to the left of {}, as the robot sees it",
-    "move_to_right": "to the right of {}, as the robot sees it",
+    "move_to_left": "to the left of {}, as seen from the robot",
+    "move_to_right": "to the right of {}, as seen from the robot",
     "move_north": "to the north of {}",
     "move_south": "to the south of {}",
     "move_east": "to the east of {}",
@@ -142,7 +142,7 @@ def _goal_words(goal: Goal, start: NDArray) -> str:
         name = f"the {goal.label} and the {goal.other_label}"
         if goal.label == goal.other_label:
             name = f"{goal.label} {goal.instance} and {goal.other_label} {goal.other_instance}"
-    sees = ", as the robot sees it" if re.search(r"\b(left|right) of\b", goal.words) else ""
+    sees = ", as seen from the robot" if re.search(r"\b(left|right) of\b", goal.words) else ""
     return _GOAL_WORDS.get(goal.primitive, "to {}").format(name) + sees
 
 

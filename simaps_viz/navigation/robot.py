@@ -271,6 +271,8 @@ class Goal:
     away_m: tuple[float, ...] = ()
     """How far each of those is from the thing that the nearest to it, or the farthest from it, was asked for; empty for
     another order."""
+    ranking: str = ""
+    """How many those are, and how they were ordered, in words: "3 chairs, the leftmost first"; empty for the first."""
 
     def to_json(self) -> dict[str, Any]:
         """Return primitive, label, instance and point; for move_in_between other_label and other_instance as well."""
@@ -317,7 +319,7 @@ class Robot:
         self._planned_cells = 0
         self._planners = (planner,)
         self._avoided: dict[int, str] = {}
-        self._words, self._among, self._away_m = "", ((), ()), ()
+        self._words, self._among, self._away_m, self._ranking = "", ((), ()), (), ""
         self._poses: list[NDArray] = []
 
     @property
@@ -344,6 +346,7 @@ class Robot:
         among = tuple(i.id for value in sets[:1] for i in value.items if isinstance(i, Instance))
         self._among, self.grounding.among = (self.grounding.among, among), ()
         self._away_m, self.grounding.away_m = self.grounding.away_m, ()
+        self._ranking, self.grounding.ranking = self.grounding.ranking, ""
         return getattr(self, f"_{primitive.name}")(**arguments)
 
     def take_poses(self) -> NDArray:
@@ -660,9 +663,9 @@ class Robot:
         beyond = (other.label, other.id) if other else (None, None)
         self.goals.append(Goal(primitive, *about, end, *beyond, self._words, *self._chosen_of(about[1])))
 
-    def _chosen_of(self, number: int | None) -> tuple[tuple[int, ...], tuple[float, ...]]:
-        chosen = zip(self._among, (self._away_m, ()), strict=True)
-        return next(((ids, away_m) for ids, away_m in chosen if number in ids), ((), ()))
+    def _chosen_of(self, number: int | None) -> tuple[tuple[int, ...], tuple[float, ...], str]:
+        chosen = zip(self._among, (self._away_m, ()), (self._ranking, ""), strict=True)
+        return next((one for one in chosen if number in one[0]), ((), (), ""))
 
 
 def _cell_centres(simap: SIMap) -> tuple[NDArray, NDArray]:

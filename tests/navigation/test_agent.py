@@ -440,10 +440,10 @@ def test_goals_know_in_words_what_was_chosen(simap) -> None:
             "To the couch, then back to where it started, ",
         ),
         ("robot.move_in_between('couch', 'dining table')", "Between the couch and the dining table, a path of "),
-        ("robot.move_to_left('couch')", "To the left of the couch, as the robot sees it, "),
+        ("robot.move_to_left('couch')", "To the left of the couch, as seen from the robot, "),
         (
             "robot.move_to_object(nearest(side(things('chair'), 'right', 'couch')))",
-            " of the couch, as the robot sees it, ",
+            " of the couch, as seen from the robot, ",
         ),
         ("robot.face('couch')", "Facing the couch, without driving, at x 0.50 m, y 0.50 m, heading "),
         ("for one in things('chair'):\n    robot.move_to_object(one)", "To 3 chairs, a path of "),

@@ -43,6 +43,7 @@ from simaps_viz.viewer.panels.command import (
     in_asked_order,
     named_in,
     program_html,
+    sides_text,
     why_text,
 )
 from simaps_viz.viewer.panels.map import MapPanel
@@ -57,9 +58,7 @@ def why(command):
     simap = toy_map()
     said = answer(simap, command, TOY_POSE)
     assert said.status == "ok"
-    return why_text(
-        said, in_asked_order(said, Grounding(simap, TOY_POSE).candidates(str(said.goals[0].label))), TOY_POSE
-    )
+    return why_text(said, in_asked_order(said, Grounding(simap, TOY_POSE).candidates(str(said.goals[0].label))))
 
 
 def test_why_this_one_is_said_with_the_distances_of_the_others():
@@ -87,7 +86,7 @@ def test_why_this_one_is_said_with_the_distances_of_the_others():
         f"Chair 1 is the only chair on your left, {max(one, two):.2f} m from where the command was given."
     )
     assert why("go to the second chair from the south") == (
-        f"Chair 4 is the second of 3 from the south, {three:.2f} m from where the command was given."
+        f"Chair 4 is the second of 3 chairs, the southernmost first, {three:.2f} m from where the command was given."
     )
     cells = {one.name: np.argwhere(toy_map().instance == one.id) for one in toy_map().instances}
     apart = [np.hypot(*(cells[f"chair {i}"][:, None] - cells["couch 5"]).T).min() for i in (1, 4)]
@@ -95,11 +94,40 @@ def test_why_this_one_is_said_with_the_distances_of_the_others():
     assert why("go to the chair nearest the couch") == (
         f"Chair 1 is the chair nearest to the couch: {near:.2f} m from it; the next, chair 4, is at {far:.2f} m."
     )
-    assert " of 3 from the left, as the robot looks (to the east), " in why("go to the leftmost chair")
+    assert why("go to the second chair nearest the couch") == (
+        f"Chair 4 is the second of 3 chairs nearest to the couch: {far:.2f} m from it; chair 1 is at {near:.2f} m."
+    )
+    assert why("go to the leftmost chair").startswith("Chair 1 is the leftmost chair, of 3 chairs; it is ")
     assert why("go to the second chair from the west near the dining table") == (
-        f"Chair 4 is the second of 2 that fit from the west, {three:.2f} m from where the command was given."
+        f"Chair 4 is the second of 2 chairs next to the dining tables, the westernmost first, {three:.2f} m "
+        "from where the command was given."
     )
     assert why("visit all chairs") == "All 3 chairs on this map are meant."
+    assert why("visit all dining tables") == "Both dining tables on this map are meant."
+
+
+def test_whose_left_is_meant_is_said_once():
+    assert sides_text("To the second chair.", TOY_POSE) == ""
+    assert sides_text("There is a chair to the left of it, ahead on your left.", TOY_POSE) == (
+        "Left, ahead: as seen from the robot, which looks east."
+    )
+    text = outcome_text(answer(toy_map(), "go to the left of the couch", TOY_POSE))
+    assert text.count("as seen from the robot") == 1 and sides_text(text, TOY_POSE) == ""
+    text = outcome_text(answer(toy_map(), "go to the chair left of the couch", TOY_POSE))
+    assert text.startswith("There is no chair") and sides_text(text, TOY_POSE).startswith("Left: as seen")
+
+
+def test_a_doubtful_thing_that_is_meant_is_called_so():
+    simap = toy_map()
+    unsure = [replace(one, score=0.1) if one.label == "couch" else one for one in simap.instances]
+    simap = replace(simap, instances=tuple(unsure))
+    with Workbench(simap, services=real_services(), port=free_port(), start=TOY_POSE) as bench, fake_page(bench):
+        panel = mine(bench).panels[CommandPanel]
+        panel._drive.speed = 8.0
+        for command, doubtful in (("go to the couch", True), ("go to the plant", False)):
+            panel.ask(command)
+            until(lambda: "Done" in shown(bench))
+            assert ("Couch 5 is doubtful: class unsure, 10%." in shown(bench)) == doubtful
 
 
 def test_two_things_of_one_class_are_called_by_their_names():
@@ -150,7 +178,7 @@ RING = [(2.7, 2.7, 2.6, 0.4), (2.7, 4.9, 2.6, 0.4), (2.7, 3.1, 0.4, 1.8), (4.9, 
 def test_what_another_class_was_looked_up_by_is_not_taken_for_the_reason():
     program = 'robot.move_to_object("chair", robot.closest_to("chair", robot.closest_to("tv", "couch")))'
     said = toy_answer(program=program, goals=(Goal("move_to_object", "chair", 1, (0.0, 0.0)),))
-    text = why_text(said, Grounding(toy_map(), TOY_POSE).candidates("chair"), TOY_POSE)
+    text = why_text(said, Grounding(toy_map(), TOY_POSE).candidates("chair"))
     assert "couch." not in text and text.endswith(f"It was chosen by: {program}")
 
 
@@ -528,11 +556,11 @@ def test_what_a_typed_command_would_mean_is_marked_and_nothing_runs(monkeypatch)
         assert labels[-1] == "stops here" and len(panel._marks.path_m) > 1  # where the robot would stop
         assert page.pose == TOY_POSE and not panel.driving and not panel._past and "Go does this" in shown(bench)
         types("go to the third chai and")
-        assert marked() == ([], None) and "Not a command yet" in shown(bench)
+        assert marked() == ([], None) and "Go cannot do this" in shown(bench)
         page.robot, slim = replace(page.robot, radius_m=0.5), page.robot
         types("go to the plant")  # which it cannot reach
         plant = page.simap.of_class("potted plant")[0]
-        assert "Cannot be done" in shown(bench) and marked() == ([plant.name], {plant.id})
+        assert "Go cannot do this" in shown(bench) and marked() == ([plant.name], {plant.id})
         page.robot = slim
         types("go to the couch")
         assert marked()[1] == {5}

@@ -33,8 +33,8 @@ from simaps_viz.geometry import STANDS_FROM_M
 from simaps_viz.language.commands import MAX_SUGGESTIONS
 from simaps_viz.language.grounding import Candidate
 from simaps_viz.language.llm_settings import Exchange
-from simaps_viz.language.primitives import FUNCTIONS, PRIMITIVES, SIDES
-from simaps_viz.mapping.doubts import SURE_SCORE
+from simaps_viz.language.primitives import FUNCTIONS, PRIMITIVES
+from simaps_viz.mapping.doubts import SURE_SCORE, Doubt, doubts
 from simaps_viz.mapping.in_space import all_instances
 from simaps_viz.navigation.agent import Answer, is_program, outcome_text
 from simaps_viz.navigation.robot import Goal
@@ -59,6 +59,10 @@ _KEYS_LATE_S = 0.1
 """The browser holds back what is typed for up to 50 ms, but not the press of a button."""
 _NTH = ("", "", "second ", "third ", "fourth ", "fifth ", "sixth ", "seventh ", "eighth ", "ninth ", "tenth ")
 _MAX_LISTED = 4
+_SIDE = re.compile(r"\b(left|right|in front|behind|ahead)(?:most)?\b")
+SEEN = "as seen from the robot"
+DOUBTFUL = 0.25
+"""From this weight of its doubts on an object that is meant is called doubtful."""
 _CHOOSERS = [*FUNCTIONS, *(name for name, primitive in PRIMITIVES.items() if primitive.kind == "lookup")]
 _FROM_WHAT = re.compile(r"\b(?:nearest to|farthest from) the (?:nearest )?(.+)$")
 """What distances are from, in the words for something that is nearest to it."""
@@ -68,18 +72,15 @@ TURNS = ("face", "with_object_on_left", "with_object_on_right")
 """Primitives whose goals the robot does not drive to."""
 _CHOOSES = re.compile(rf"\b(?:{'|'.join(_CHOOSERS)})\(")
 """Calls with which a program chooses otherwise than by name and rank."""
-_FROM_A_SIDE = re.compile(rf'robot\.\w+\((?:nth|first)\(order\(.*, "({"|".join(SIDES)})"\)(?:, (\d+))?\)')
-"""A call that names its object by a rank from a side, of its class or of some of it; the first one without its rank."""
 
 
-def why_text(answer: Answer, candidates: Sequence[Candidate], pose: Pose2, there: str = GIVEN) -> str:
+def why_text(answer: Answer, candidates: Sequence[Candidate], there: str = GIVEN) -> str:
     """Explain why the robot goes to this instance and to no other of its class; empty if there was no choice.
 
     Args:
         answer: with the goals.
         candidates: all instances of the goals' class, the closest to where the command was given first.
-        pose: where the robot was then.
-        there: what that place is called.
+        there: what the place where the robot was then is called.
     """
     chosen = dict.fromkeys(goal.instance or 0 for goal in answer.goals)
     mine = [c for c in candidates if c.instance.id in chosen]
@@ -88,40 +89,30 @@ def why_text(answer: Answer, candidates: Sequence[Candidate], pose: Pose2, there
     label = mine[0].instance.label
     if len(mine) > 1:
         if len(mine) == len(candidates):
-            return f"All {plural(len(mine), label)} on this map are meant."
+            all_of = f"All {plural(len(mine), label)}" if len(mine) > 2 else f"Both {_plural(label)}"
+            return f"{all_of} on this map are meant."
         several = _listed(mine, label)
         return f"{several[0].upper()}{several[1:]} are meant, of {len(candidates)} on this map."
-    one, name = mine[0], mine[0].instance.name
-    if len(candidates) == 1:
-        words = next((goal.words for goal in answer.goals if goal.words), "")
-        only = words or f"{label} on this map"
-        return f"{_cap(name)} is the only {only}, {one.distance_m:.2f} m from {there}."
-    from_side = _FROM_A_SIDE.search(answer.program or "")
-    if from_side and int(from_side[2] or 1) != one.rank:
-        from_side = None
-    goal = answer.goals[0]
-    if goal.among and not goal.away_m and (from_side or _asked_order(answer, candidates)):
-        nth = _NTH[one.rank].strip() or "first" if one.rank < len(_NTH) else f"{one.rank}th"
-        words = next((goal.words for goal in answer.goals if goal.words), "")
-        side, away = from_side[1] if from_side else "", f"{one.distance_m:.2f} m from {there}."
-        sees = f", as the robot looks (to the {pose.looks})" if side in ("left", "right") else ""
-        # Of some, such as those in a room, "the third of 5 that fit".
-        fit = "" if not from_side or f'order(things("{label}"), ' in from_side[0] else " that fit"
-        order = f"from the {side}{sees}" if side else "in the order that was asked for"
-        place = f"the {words}, of {plural(len(candidates), label)}; it is" if words and not side else ""
-        counted = f"{_cap(name)} is {place or f'the {nth} of {len(candidates)}{fit} {order},'} {away}"
-        return " ".join([counted, *([] if side or words else _choice(answer))])
+    one, name, goal = mine[0], _cap(mine[0].instance.name), answer.goals[0]
+    words = next((one.words for one in answer.goals if one.words), "")
     nth = _NTH[one.rank] if one.rank < len(_NTH) else f"{one.rank}th "
-    closest = f"the {nth}closest to"
-    if one.rank == len(candidates) > 2:
-        closest = f"the farthest of {len(candidates)} from"
-    text = f"{name} is {closest} {there}: {one.distance_m:.2f} m in a straight line;"
-    if goal.away_m and goal.words:
-        text = f"{name} is the {goal.words}: {one.distance_m:.2f} m from it;"
+    away, from_here = f"{one.distance_m:.2f} m", f"{one.distance_m:.2f} m from {there}."
+    if len(candidates) == 1:
+        text = f"{name} is the only {words or f'{label} on this map'}, {from_here}"
     elif goal.away_m:
-        asked = f"the {nth}{label} in the order that was asked for"
-        text = f"{name} is {asked}, {one.distance_m:.2f} m from what is named;"
-    return " ".join([_cap(text), _others(one, candidates), *([] if goal.away_m else _choice(answer))])
+        place = words or f"{nth or 'first '}of {goal.ranking}"
+        text = f"{name} is the {place}: {away} from it; {_others(one, candidates)}"
+    elif goal.among and words and _asked_order(answer, candidates):
+        text = f"{name} is the {words}, of {plural(len(candidates), label)}; it is {from_here}"
+    elif goal.ranking:
+        text = f"{name} is the {nth or 'first '}of {goal.ranking}, {from_here}"
+    else:
+        place = f"the {nth}closest {words} to" if words else f"the {nth}closest to"
+        if one.rank == len(candidates) > 2 and not words:
+            place = f"the farthest of {len(candidates)} from"
+        text = f"{name} is {place} {there}: {away} in a straight line; {_others(one, candidates)}"
+        text = " ".join([text, *([] if words else _choice(answer))])
+    return text
 
 
 def each_why(answer: Answer, candidates_at: CandidatesAt, pose: Pose2, *, most: int = 4) -> list[str]:
@@ -144,7 +135,7 @@ def each_why(answer: Answer, candidates_at: CandidatesAt, pose: Pose2, *, most: 
                 continue
             mine, candidates = replace(answer, goals=(one,), program=""), candidates_at(one.label, here)
             closest = [candidate.instance.id for candidate in candidates[:2]]
-            text = why_text(mine, in_asked_order(mine, candidates), here, there) if len(candidates) > 1 else ""
+            text = why_text(mine, in_asked_order(mine, candidates), there) if len(candidates) > 1 else ""
             if goal.label == goal.other_label and closest == [goal.instance, goal.other_instance]:
                 count = plural(len(candidates), one.label)
                 text = f"This map has {count}: {closest[0]} and {closest[1]}, the two closest to {there}, are meant."
@@ -231,6 +222,12 @@ def _asked_order(answer: Answer, candidates: Sequence[Candidate]) -> bool:
     """Whether the candidates are in another order than by distance."""
     distances = [one.distance_m for one in candidates]
     return bool(answer.goals and answer.goals[0].among) and distances != sorted(distances)
+
+
+def sides_text(text: str, pose: Pose2) -> str:
+    """Return whose left and right a text speaks of; empty where it speaks of none, or says it."""
+    sides = {} if SEEN in text else dict.fromkeys(_SIDE.findall(text))
+    return f"{_cap(', '.join(sides))}: {SEEN}, which looks {pose.looks}." if sides else ""
 
 
 def _undistanced(text: str) -> str:
@@ -325,19 +322,20 @@ def _others(one: Candidate, candidates: Sequence[Candidate]) -> str:
     return f"{_listed(closer, label)} are at {', '.join(distances[:-1])} and {distances[-1]} m."
 
 
+def _plural(label: str) -> str:
+    return plural(2, label).removeprefix("2 ")
+
+
 def _listed(candidates: Sequence[Candidate], label: str) -> str:
     """Name several by their numbers: "chairs 1, 2 and 5"; many are counted."""
     numbers = [str(c.instance.id) for c in candidates]
     if len(numbers) > 2 * _MAX_LISTED:
         return plural(len(numbers), label)
-    return f"{plural(2, label).removeprefix('2 ')} {', '.join(numbers[:-1])} and {numbers[-1]}"
+    return f"{_plural(label)} {', '.join(numbers[:-1])} and {numbers[-1]}"
 
 
 def _choice(answer: Answer) -> list[str]:
-    """Describe how the program chose, if not by distance alone."""
-    words = next((goal.words for goal in answer.goals if goal.words), "")
-    if words:
-        return [f"It was chosen as the {words}."]
+    """Describe how the program chose, if not by distance alone or in words."""
     lines = [line.strip() for line in (answer.program or "").splitlines() if _CHOOSES.search(line)]
     return [f"It was chosen by: {lines[-1]}"] if lines else []
 
@@ -490,6 +488,8 @@ class CommandPanel(Panel):
         self._answer: Answer | None = None
         self._why: tuple[str, ...] = ()
         self._readings: tuple[str, ...] = ()
+        self._doubted: tuple[SIMap | None, dict[int, Doubt]] = None, {}
+        """A map, and its objects that are doubtful enough to be called so."""
         self._trajectory: Trajectory | None = None
         self._line = 0
         self._lit: frozenset[int] = frozenset()
@@ -832,20 +832,21 @@ class CommandPanel(Panel):
         command = str(self._text.value)
         if self._hidden or self.uses_model or not self._may_preview():  # a model is asked only what is sent to it
             return
-        meant, title, reason = None, "Not a command yet", ""
+        meant, reason = None, ""
         try:
             meant = self._meant(command.strip()) if command.strip() else None
         except SIMapsError as error:
             reason = str(error)
         if meant is not None and meant[0].status != "ok":
-            title = title if meant[0].status == "refused" else "Cannot be done"
             meant, reason = None, outcome_text(meant[0])
         if not self._may_preview() or command != str(self._text.value):
             return  # it runs, or goes on, meanwhile
         self._clear_marks()  # also what an earlier command meant; what was typed since is still to be read
         if meant is None:
             self._mark_named(reason)
-            self._show_typed(title if reason else "", reason.partition(" Try: ")[0] or TYPING)
+            reason = _cap(reason.partition(" Try: ")[0])
+            more = [sides_text(reason, self._page.pose)]
+            self._show_typed("Go cannot do this" if reason else "", reason or TYPING, more)
             self._outcome = bool(reason)  # gone with the next letter
             return
         answer, labels, why = meant
@@ -888,20 +889,35 @@ class CommandPanel(Panel):
         if answer.answer is not None:
             told, value = answer.answer["instances"], answer.answer["value"]
             counted = self._of_them_specks(told) if type(value) is int and value == len(told) else ""
-            return goal_labels(simap, answer.goals) or answer_labels(simap, told), tuple(filter(None, [counted]))
+            labels = goal_labels(simap, answer.goals) or answer_labels(simap, told)
+            return labels, (counted, *self._cautions(simap, answer))
         labels = {goal.label for goal in answer.goals if goal.label}
         of_one_class = len(labels) == 1 and not any(goal.other_label for goal in answer.goals)
         find = self._services.candidates
-        if find is None or not of_one_class or not answer.goals[0].label:
+        if find is None or not of_one_class or not answer.goals[0].instance:  # a room is no instance
             each = [] if find is None else each_why(answer, functools.partial(find, simap), self._page.pose)
-            return goal_labels(simap, answer.goals), tuple(filter(None, (*each, beyond_text(simap, answer))))
+            return goal_labels(simap, answer.goals), (
+                *each,
+                beyond_text(simap, answer),
+                *self._cautions(simap, answer, *each),
+            )
         candidates = in_asked_order(answer, find(simap, labels.pop(), self._page.pose))
         chosen = {goal.instance or 0 for goal in answer.goals}
-        why = why_text(answer, candidates, self._page.pose)
+        why = why_text(answer, candidates)
         why = " ".join(filter(None, [why, why and self._of_them_specks([one.instance.id for one in candidates])]))
         away = _FROM_WHAT.search(answer.goals[0].words) if answer.goals[0].away_m else None
         what = f"from the {away[1]}" if away else "from it" if answer.goals[0].away_m else "away"
-        return candidate_labels(candidates, chosen, away=what), tuple(filter(None, (why, beyond_text(simap, answer))))
+        labels = candidate_labels(candidates, chosen, away=what)
+        return labels, (why, beyond_text(simap, answer), *self._cautions(simap, answer, why))
+
+    def _cautions(self, simap: SIMap, answer: Answer, *why: str) -> list[str]:
+        """Return whose left is meant, and what is doubtful about what is meant."""
+        if self._doubted[0] is not simap:
+            self._doubted = simap, {one.instance.id: one for one in doubts(simap) if one.weight > DOUBTFUL}
+        known = self._doubted[1]
+        meant = dict.fromkeys(goal.instance for goal in answer.goals if goal.instance in known)
+        found = [f"{_cap(known[i].instance.name)} is doubtful: {known[i].brief}." for i in meant if i]
+        return [sides_text(" ".join([outcome_text(answer), *why]), self._page.pose), *found[:_MAX_LISTED]]
 
     def _of_them_specks(self, ids: Collection[int]) -> str:
         """Return words for how many of several objects the legend counts as specks; empty where none is one."""
@@ -959,7 +975,7 @@ class CommandPanel(Panel):
     def _refuse(self, reason: str, instead: Sequence[str]) -> None:
         self._ended("refused")
         self._show_phase("idle")
-        self._show_result("Refused", reason, "bad", (), instead)
+        self._show_result("Refused", reason, "bad", [sides_text(reason, self._page.pose)], instead)
 
     def _remember(self, command: str) -> None:
         """Put a command that runs from now on first in the history."""
