@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from toy_maps import toy_map
 
 from simaps_viz.drawing.legend import object_names
+from simaps_viz.drawing.theme import DIM_STYLE
 from simaps_viz.viewer.panels.command import CommandPanel
 from simaps_viz.viewer.panels.instance import FindBox, NotFound, matches
 
@@ -38,20 +39,20 @@ def test_every_name_of_the_list_and_every_number_is_found():
 
 def test_a_class_alone_means_all_of_it_and_steps_go_round_both_ways():
     page = FakePage()
-    FindBox(page)  # pyright: ignore[reportArgumentType]
+    box = FindBox(page)  # pyright: ignore[reportArgumentType]
     one, two, three = (one.id for one in SIMAP.of_class("chair"))
-    assert "chair: 3." in page.type("chai") and page.steps.visible and page.went == []
+    assert "chair: 3." in page.type("chai") and "Next" in page.status.content and page.went == []
     assert f"chair {one}: 1 of 3." in page.type("chai\n")
     assert f"chair {two}: 2 of 3." in page.type("chai\n")
-    for pressed in ("Next", "Next", "Previous", "Previous"):
-        page.press(pressed)
+    for step in (1, 1, -1, -1):
+        box.told({"type": "find", "step": step})
     assert page.went == [one, two, three, one, three, two]
     page.selected = 5  # by a click: steps begin anew
-    page.press("Previous")
+    box.told({"type": "find", "step": -1})
     assert page.went[-1] == three
-    assert "Enter: couch 5" in page.type("couch") and not page.steps.visible
-    assert "Esc, then key T" in page.type("couch\n") and page.went[-1] == 5
-    assert page.type("") == page.type("\n") and not page.status.visible and not page.steps.visible
+    assert "Enter: couch 5" in page.type("couch") and "Next" not in page.status.content
+    assert "The north arrow" in page.type("couch\n") and page.went[-1] == 5
+    assert page.type("") == page.type("\n") == page.nothing
 
 
 @pytest.mark.parametrize(
@@ -98,20 +99,19 @@ class FakePage:
         self.worker = SimpleNamespace(submit=lambda name, job: job())
         self.box = SimpleNamespace(value="", on_update=lambda then: setattr(self, "typed", then))
         self.status = SimpleNamespace(content="", visible=False)
-        self.pressed = lambda event: None
-        self.steps = SimpleNamespace(visible=False, on_click=lambda then: setattr(self, "pressed", then))
         self.gui = SimpleNamespace(
             add_text=lambda *_, **__: self.box,
             add_html=lambda *_, **__: self.status,
-            add_button_group=lambda *_, **__: self.steps,
         )
 
     def go_to(self, one):
         self.selected = one.id
         self.went.append(one.id)
 
-    def press(self, name):
-        self.pressed(SimpleNamespace(target=SimpleNamespace(value=name)))
+    @property
+    def nothing(self):
+        """What the line has while there is nothing to say."""
+        return f'<div class="simaps-found" style="{DIM_STYLE}"><span role="status"></span></div>'
 
     def type(self, text):
         self.box.value = text
@@ -136,7 +136,7 @@ def test_a_command_goes_to_the_robot_and_a_name_does_not():
     page = FakePage()
     FindBox(page)  # pyright: ignore[reportArgumentType]
     assert "Enter gives the robot this command" in page.type("go to the second chair") and page.given == []
-    assert page.type("go to the second chair\n") == page.status.content and not page.status.visible
+    assert page.type("go to the second chair\n") == page.nothing
     assert page.given == ["Command", "go to the second chair"] and page.box.value == "" and page.went == []
     for name in ("the couch by the table", "somewhere to sit", "flying carpet"):
         page.type(f"{name}\n")

@@ -75,7 +75,7 @@ class HelpPanel(Panel):
         """The theme of the page, light or dark."""
         self._modal: GuiModalHandle | None = None
         gui.add_html(PAGE_SCRIPT)
-        hint = "Help: keys, mouse, tabs and words (key H). Light or dark page (key L)."
+        hint = "Keys, mouse, tabs and words; a light or a dark page."
         button_row(gui, "Page", {HELP: self.show, LIGHT_DARK: self.switch}, hint=hint)
         self._keys = self._make_keys()
         for code, _, text, do in self._keys:

@@ -20,7 +20,7 @@ from simaps_viz.language.commands import read_command
 from simaps_viz.mapping.in_space import all_instances
 from simaps_viz.structures import Instance, SIMap
 from simaps_viz.viewer.page.page import Page
-from simaps_viz.viewer.page.panel import Panel, button, button_row, by_person
+from simaps_viz.viewer.page.panel import Panel, button, by_person
 from simaps_viz.viewer.panels.command import CommandPanel
 from simaps_viz.viewer.panels.map import FINISH, specks_on
 
@@ -29,7 +29,6 @@ FIND_HINT = (
     "A class, a name, or the number of an object, such as: chair, chair 18, 18; or what it is for or "
     "looks like, such as: somewhere to sit. Enter goes there, Enter again to the next. A command goes to the robot."
 )
-STEPS_HINT = "Go to the objects that fit, one after the other; the arrow keys in the box do the same."
 MAX_RANKS = 5
 """Objects that free words find."""
 _TYPED = re.compile(r"(?P<name>.*?)\s*#?(?P<number>\d{1,9})?(?:\s+of\s+\d+)?")
@@ -42,11 +41,12 @@ _ID = re.compile(r"#(\d+)")
 LIST_HINT = f"Select an object. Of more than {MAX_LISTED} only the largest are listed; Find finds them all."
 NO_VIEWS = "Its best views would come from the frames of this map, which are not on this machine."
 RECORDED_VIEWS = "The frames are not on this machine; Show frame goes to its best views in the recorded build."
-WHOLE_MAP = (
-    '<span class="simaps-keys">Esc, then key T, shows the whole map again.</span>'
-    '<span class="simaps-touch">The north arrow shows the whole map again.</span>'
+WHOLE_MAP = "The north arrow shows the whole map."
+STEPS = "".join(
+    f'<button type="button" data-find="{by}" title="{name}" aria-label="{name}">{sign}</button>'
+    for by, name, sign in ((-1, "Previous", "‹"), (1, "Next", "›"))
 )
-"""A page has the words for its keys or for fingers."""
+"""Buttons that the page's script answers."""
 HELP = f'<div style="{BOX_STYLE}">Click an object on the map, choose it from the list, or type its name.</div>'
 
 
@@ -108,7 +108,10 @@ def is_command(simap: SIMap, text: str) -> bool:
 
 
 class FindBox(Panel):
-    """A box that finds instances by name, a line that says how many fit, and buttons that step through them."""
+    """A box that finds instances by name, and a line that says how many fit and steps through them.
+
+    The line is always there, so that nothing below it moves.
+    """
 
     def __init__(self, page: Page) -> None:
         """Fill the open container."""
@@ -116,14 +119,13 @@ class FindBox(Panel):
         # Multiline, so that Enter becomes part of the text: the browser sends only the last change of any 50 ms.
         self._box = gui.add_text(FIND, "", multiline=True, hint=FIND_HINT)
         by_person(self._box, self._typed)
-        self._status = gui.add_html("", visible=False)
-        steps = {"Previous": lambda: self._step(-1), "Next": lambda: self._step(1)}
-        self._steps = button_row(gui, "Found", steps, visible=False, hint=STEPS_HINT)
+        self._status = gui.add_html("")
         self._words = ""
         """What was found."""
         self._found: tuple[Instance, ...] = ()
         self._scores: tuple[float, ...] = ()
         """How well each fits free words."""
+        self._report("")
 
     def map_changed(self, simap: SIMap) -> None:
         """Forget what was found on another map."""
@@ -131,7 +133,7 @@ class FindBox(Panel):
             self._forget()
 
     def told(self, event: Mapping[str, Any]) -> None:
-        """Step with the arrow keys."""
+        """Step with the arrow keys, or the line's buttons."""
         if event.get("type") == "find" and self._found:
             self._step(-1 if event.get("step") == -1 else 1)
 
@@ -157,7 +159,7 @@ class FindBox(Panel):
             elif entered:
                 self._page.worker.submit("find", lambda: self._search(simap, text, why))
             else:
-                self._report(f"{why} Enter searches for what fits.")
+                self._report("Nothing has this name. Enter searches for what fits.")
             return
         if entered:
             self._step(1)
@@ -174,15 +176,13 @@ class FindBox(Panel):
 
     def _list(self, text: str, found: tuple[Instance, ...], scores: tuple[float, ...] = ()) -> None:
         self._words, self._found, self._scores = text, found, scores
-        self._steps.visible = len(found) > 1
         first, *others = found
         count = count_text(self._page.simap, found, specks_on(self._page))
-        many = f"{first.label}: {count}. Enter goes from one to the next."
+        many = f"{first.label}: {count}."
         self._report(many if others else f"Enter: {first.name}")
 
     def _forget(self) -> None:
         self._words, self._found, self._scores = "", (), ()
-        self._steps.visible = False
         self._report("")
 
     def _step(self, by: int) -> None:
@@ -206,9 +206,9 @@ class FindBox(Panel):
         self._report(said, WHOLE_MAP)
 
     def _report(self, text: str, then: str = "") -> None:
-        said = f"{escape(text)} {then}".strip()
-        self._status.content = f'<div role="status" style="{BOX_STYLE};{DIM_STYLE}">{said}</div>'
-        self._status.visible = bool(said)
+        said = f'<span role="status">{escape(f"{text} {then}".strip())}</span>'
+        steps = STEPS if len(self._found) > 1 else ""
+        self._status.content = f'<div class="simaps-found" style="{DIM_STYLE}">{said}{steps}</div>'
 
 
 class FrameGallery:

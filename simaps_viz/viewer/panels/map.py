@@ -38,8 +38,8 @@ from simaps_viz.viewer.scene.map_scene import FULL_HEIGHT_M, Style
 EVERY_CLASS = "all classes"
 FINISH = "Show the finished map"
 BEFORE = "Before and after"
-BEFORE_HINT = "The map as it was before the slider was moved, and as it is; holding key B shows it before."
-STEP_HINT = "Go to what the slider changed, one after the other; key T shows the whole map again."
+BEFORE_HINT = "The map as it was before the slider was moved, and as it is."
+STEP_HINT = "Go to what the slider changed, one after the other; the north arrow shows the whole map."
 MAX_MOVED, MAX_CHANGES, OUTLINED_S = 3, 8, 6.0
 """Classes and changes that are named beside a moved slider, and for how long what changed is outlined."""
 _KINDS = {"missed": "gone", "extra": "new"}

@@ -251,11 +251,13 @@ class MendPanel(Panel):
     def _fill(self, gui: viser.GuiApi) -> None:
         self._status = gui.add_html("")
         self._cancel = button(gui, "Cancel", self.stop_waiting, icon=viser.Icon.X, color="gray", visible=False)
-        self._change = button_row(gui, "Change", {"Rename": self.rename, "Join": self.join}, hint="Join: key J.")
-        hint = "Cut in two: key X. Delete: key Delete."
+        self._change = button_row(
+            gui, "Change", {"Rename": self.rename, "Join": self.join}, hint="Name it anew, or make it one with another."
+        )
+        hint = "Make two of it, or take it off the map."
         self._remove = button_row(gui, "Divide, remove", {"Cut in two": self.cut, "Delete": self.delete}, hint=hint)
         undo = {"Undo": self.undo, "Redo": self.redo}
-        self._last = button_row(gui, "Last edit", undo, hint="Keys Ctrl Z and Ctrl Shift Z.")
+        self._last = button_row(gui, "Last edit", undo, hint="Take the last edit back, or make it again.")
         self._class = gui.add_dropdown(
             "Class", ONLY_NEW, initial_value=NEW_CLASS, hint="The class that Rename gives the object."
         )

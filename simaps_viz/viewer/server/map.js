@@ -393,7 +393,8 @@
   window.addEventListener('pointerover', point, true);
   window.addEventListener('focusin', point, true);
   window.addEventListener('click', (event) => {
-    const entry = entryOf(event);
+    const entry = entryOf(event), find = event.target.dataset && event.target.dataset.find;
+    if (find) tell({ type: 'find', step: Number(find) });
     if (entry) tell({ type: 'class', name: entry.dataset.class, do: entry.dataset.do });
     const one = oneOf(event);
     if (one) tell({ type: 'named', id: one.id, x: map.xmin + one.x * map.cell, y: map.ymin + one.y * map.cell });

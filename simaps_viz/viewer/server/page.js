@@ -116,8 +116,10 @@
       row.dataset.fits = `${words} ${wide}`;
     }
   };
-  document.addEventListener('click', (event) => {  // a tab opens at its top
+  const unfolded = () => document.querySelector('[aria-label="Collapse panel Recorded build"]');
+  document.addEventListener('click', (event) => {  // a tab opens at its top, and on a phone takes the recorded build's place
     const row = event.target.closest('[role=tab]') && event.target.closest('[role=tablist]');
+    if (row && PHONE.matches && unfolded()) unfolded().click();
     for (let one = row && row.parentElement; one; one = one.parentElement)
       if (['scroll', 'auto'].includes(getComputedStyle(one).overflowY)) one.scrollTop = 0;
   });
@@ -126,7 +128,7 @@
   });
   document.addEventListener('transitionend', (event) => {  // on a phone the recorded build opens below what is in sight
     const opened = event.propertyName === 'height' && event.target.querySelector('iframe[title="Recorded build"]');
-    if (opened && PHONE.matches) opened.scrollIntoView({ block: 'end' });
+    if (opened && PHONE.matches && unfolded()) opened.scrollIntoView({ block: 'end' });
   });
   const changeSeen = {};
   const BEGINS_PX = 60;  // where so much of it is in sight, the panel rests: the slider may be wanted again
