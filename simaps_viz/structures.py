@@ -2,7 +2,7 @@
 
 import math
 import weakref
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -27,6 +27,12 @@ if TYPE_CHECKING:
 
 Point = tuple[float, float]
 """x and y in metres, map frame."""
+
+FRAMES_TO_COUNT, FRAMES_PER_GLANCE = 3, 50
+"""What a glance or two made is doubtful, where there are many frames."""
+SURE_SCORE, OFTEN, SLIVER_SHARE = 0.5, 5, 0.1
+"""What no cell shows, and was seen with less confidence or in fewer frames, is doubtful; beside what is shown of its
+class it has this share of the usual cells."""
 
 
 def _expect(name: str, array: NDArray, shape: tuple[int, ...], dtype: type) -> None:
@@ -505,6 +511,39 @@ class SIMap:
         """Return the instances of a class that the map shows, by id; empty when there is none."""
         return tuple(i for i in self.instances if i.label == label)
 
+    @cached_property
+    def objects(self) -> tuple[Instance, ...]:
+        """What names mean and counts count: the instances, then the `hidden` ones that are no part of them.
+
+        Where the map shows others of its class, a hidden one that is `doubtful`, far smaller than these (a sliver at an
+        edge) or meets one of them (that one, seen again) is left out.
+        """
+        shown: dict[str, list[Instance]] = defaultdict(list)
+        for one in self.instances:
+            shown[one.label].append(one)
+        usual = {label: float(np.median([one.cells for one in ones])) for label, ones in shown.items()}
+
+        def is_own(one: Instance) -> bool:
+            others = shown.get(one.label)
+            if not others:
+                return True
+            large = one.cells >= SLIVER_SHARE * usual[one.label]
+            return large and not _hardly_known(one) and not any(_meet(one, other) for other in others)
+
+        return (*self.instances, *(one for one in self.hidden if is_own(one)))
+
+    @cached_property
+    def doubtful(self) -> frozenset[int]:
+        """Ids of `objects` that were seen too little to count; of those that no cell shows more is asked."""
+        frames, hidden = self.frames_to_count, {one.id for one in self.hidden}
+        seen = ((one.id, one.frames < frames or (one.id in hidden and _hardly_known(one))) for one in self.objects)
+        return frozenset(number for number, little in seen if little)
+
+    @property
+    def frames_to_count(self) -> int:
+        """In how many frames an object has to be seen to count: in one where there are few frames."""
+        return min(FRAMES_TO_COUNT, len(self.frame_names) // FRAMES_PER_GLANCE)
+
     def counts(self, *, hidden: bool = False) -> dict[str, int]:
         """Return {class name: number of instances}, most first, then by name.
 
@@ -631,6 +670,16 @@ class SIMap:
 
 
 COMPASS = ("north", "northeast", "east", "southeast", "south", "southwest", "west", "northwest")
+
+
+def _hardly_known(one: Instance) -> bool:
+    """Whether a thing that no cell shows was seen a few times only, or not surely."""
+    return one.score < SURE_SCORE or one.frames < OFTEN
+
+
+def _meet(a: Instance, b: Instance) -> bool:
+    """Whether the boxes of two things have a part in common."""
+    return all(a.aabb_m[0][k] <= b.aabb_m[1][k] and b.aabb_m[0][k] <= a.aabb_m[1][k] for k in range(3))
 
 
 @dataclass(frozen=True)

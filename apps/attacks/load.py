@@ -29,7 +29,7 @@ from simaps_viz.mapping.simap import joining_at, joining_percent, repartition, s
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.page.shared import keep_numbers
 from simaps_viz.viewer.panels.command import program_html
-from simaps_viz.viewer.panels.map import counts_html, least_frames, specks_of
+from simaps_viz.viewer.panels.map import counts_html, doubtful_of
 
 PATIENCE_S = 60.0
 """An answer that takes longer is lost."""
@@ -64,7 +64,7 @@ def expected_of(simap: SIMap) -> Expected:
     """Compute the right answers for a map."""
     # As on the page, an object that stays the same keeps its number.
     maps = {percent: keep_numbers(repartition(simap, **joining_at(simap, percent)), simap) for percent in PERCENTS}
-    specks = {percent: specks_of(cut, least_frames(cut)) for percent, cut in maps.items()}
+    doubtful = {percent: doubtful_of(cut, cut.frames_to_count) for percent, cut in maps.items()}
     centres = [(float(i.centroid_m[0]), float(i.centroid_m[1])) for i in simap.instances]
     places = [place for place in centres if all(m.at(*place) is not None for m in maps.values())]
     facts = {}
@@ -72,7 +72,7 @@ def expected_of(simap: SIMap) -> Expected:
         for n, place in enumerate(places):
             found = cut.at(*place)
             assert found is not None
-            facts[percent, n] = plain(facts_html(cut, found, specks[percent]))
+            facts[percent, n] = plain(facts_html(cut, found, doubtful[percent]))
     fewest = {label: min(m.counts().get(label, 0) for m in maps.values()) for label in simap.counts()}
     commands = []
     for label, count in fewest.items():
@@ -82,7 +82,7 @@ def expected_of(simap: SIMap) -> Expected:
     return Expected(
         slider_of(simap).title,
         joining_percent(simap),
-        {percent: plain(counts_html(cut, specks[percent])) for percent, cut in maps.items()},
+        {percent: plain(counts_html(cut, doubtful[percent])) for percent, cut in maps.items()},
         facts,
         places,
         commands,

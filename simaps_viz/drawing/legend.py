@@ -31,14 +31,32 @@ def title_of(simap: SIMap) -> str:
     return str(simap.provenance.get("name") or folder)
 
 
-def counts_text(simap: SIMap, most: int = 4) -> str:
-    """Describe what is on the map: "17 chairs, 4 dining tables · 21 instances"; rare classes are summed up."""
-    if not simap.instances:
+def counts_of(simap: SIMap, doubtful: Collection[int] | None = None) -> dict[str, tuple[int, int]]:
+    """Return {class: (objects that count, doubtful ones)} of a map's `objects`, most first, then by name.
+
+    Args:
+        simap: the map.
+        doubtful: ids of what does not count; by default those of the map.
+    """
+    unsure = simap.doubtful if doubtful is None else doubtful
+    both: dict[str, list[int]] = {}
+    for one in simap.objects:
+        both.setdefault(one.label, [0, 0])[one.id in unsure] += 1
+    return {label: (n, more) for label, (n, more) in sorted(both.items(), key=lambda row: (-row[1][0], row[0]))}
+
+
+def counts_text(simap: SIMap, most: int = 4, doubtful: Collection[int] | None = None) -> str:
+    """Describe what is on the map: "17 chairs, 4 dining tables · 21 instances, 2 more doubtful"."""
+    if not simap.objects:
         return f"No instances: {why_empty(simap)}"
-    parts = [plural(n, short(label)) for label, n in simap.counts().items()]
+    counts = counts_of(simap, doubtful)
+    sure = {label: n for label, (n, _) in counts.items() if n}
+    parts = [plural(n, short(label)) for label, n in sure.items()]
     if len(parts) > most + 1:
         parts = [*parts[:most], f"{len(parts) - most} more classes"]
-    return f"{', '.join(parts)} · {plural(len(simap.instances), 'instance')}"
+    more = sum(faint for _, faint in counts.values())
+    total = plural(sum(sure.values()), "instance") + (f", {more} more doubtful" if more else "")
+    return " · ".join(filter(None, [", ".join(parts), total]))
 
 
 def why_empty(simap: SIMap) -> str:
@@ -53,14 +71,19 @@ def why_empty(simap: SIMap) -> str:
     return f"things were named, but none reaches the least size ({simap.parameters.get('min_cells', 1)} cells)."
 
 
-def object_names(simap: SIMap, most: int | None = None) -> dict[str, int]:
-    """Return {name: id} of the instances; ``most`` keeps only the largest."""
+def object_names(simap: SIMap, most: int | None = None, doubtful: Collection[int] = ()) -> dict[str, int]:
+    """Return {name: id} of the instances, of the doubtful with that word; ``most`` keeps only the largest."""
     instances = all_instances(simap)
     if most is not None and len(instances) > most:
         largest = sorted(instances, key=lambda one: -one.cells)[:most]
         kept = {one.id for one in largest}
         instances = tuple(one for one in instances if one.id in kept)
-    return {one.name: one.id for one in instances}
+    return {f"{one.name}{', doubtful' * (one.id in doubtful)}": one.id for one in instances}
+
+
+def not_counted(simap: SIMap, doubtful: Collection[int]) -> frozenset[int]:
+    """Return the ids of all that is called doubtful: also what is hidden and may be a part of another object."""
+    return frozenset(doubtful) | ({one.id for one in simap.hidden} - {one.id for one in simap.objects})
 
 
 def facts_text(simap: SIMap, instance: Instance) -> str:
@@ -70,13 +93,15 @@ def facts_text(simap: SIMap, instance: Instance) -> str:
     return f"{plural(instance.cells, 'cell')} · {area:.{digits}f} m² · seen in {plural(instance.frames, 'frame')}"
 
 
-def facts_html(simap: SIMap, instance: Instance, specks: Collection[int] = ()) -> str:
-    """Describe an instance in full: name, facts, place, size, score; ``specks`` are counted apart."""
+def facts_html(simap: SIMap, instance: Instance, doubtful: Collection[int] | None = None) -> str:
+    """Describe an instance in full: name, facts, place, size, score; ``doubtful`` as for `counts_of`."""
+    unsure = simap.doubtful if doubtful is None else doubtful
+    in_doubt = instance.id in not_counted(simap, unsure)
     (x0, y0, _), (x1, y1, top) = instance.aabb_m
     x, y, _ = instance.centroid_m
     seen = simap.color_of(instance)
     rows = (
-        ("Class", f"{short(instance.label)}, {_one_of(simap, instance.label, specks)}"),
+        ("Class", f"{short(instance.label)}, {_one_of(simap, instance.label, unsure, in_doubt)}"),
         ("Position", f"x {x:.2f} m, y {y:.2f} m (map frame)"),
         ("Size", _size(instance) if has_voxels(simap) else f"{x1 - x0:.2f} × {y1 - y0:.2f} m, top at {top:.2f} m"),
         *[(kind, ", ".join(simap.by_id(i).name for i in found)) for kind, found in _related(simap, instance)],
@@ -91,23 +116,24 @@ def facts_html(simap: SIMap, instance: Instance, specks: Collection[int] = ()) -
         f'<div style="{BOX_STYLE}">'
         '<button class="simaps-selected" type="button" data-do="deselect" title="Select nothing (Esc)">'
         f"<span>{short_html(instance.name)}</span> ✕</button>"
-        f"<div>{escape(facts_text(simap, instance))}</div>"
+        f"<div>{escape(facts_text(simap, instance))}{' · <b>doubtful</b>' * in_doubt}</div>"
         f'<table style="border-spacing:0;margin-top:.3em">{table}</table></div>'
     )
 
 
-def _one_of(simap: SIMap, label: str, specks: Collection[int]) -> str:
-    ones = [one for one in all_instances(simap) if one.label == label]
-    return f"one of {count_text(simap, ones, specks)}" if len(ones) > 1 else "the only one"
+def _one_of(simap: SIMap, label: str, doubtful: Collection[int], in_doubt: bool) -> str:
+    ones = [one for one in simap.objects if one.label == label]
+    count = count_text(ones, doubtful)
+    if in_doubt:
+        return f"doubtful: seen too little to count; of this class there are {count}"
+    return f"one of {count}" if len(ones) > 1 else "the only one"
 
 
-def count_text(simap: SIMap, ones: Collection[Instance], specks: Collection[int]) -> str:
-    """Count objects as the legend does: "31, and 3 below other things, and 1 speck"."""
-    hidden = {one.id for one in simap.hidden}
-    faint = sum(one.id in specks for one in ones)
-    below = sum(one.id in hidden and one.id not in specks for one in ones)
-    parts = [f"{below} below other things"] * (below > 0) + [plural(faint, "speck")] * (faint > 0)
-    return ", and ".join([*[str(len(ones) - faint - below)] * (len(ones) > faint + below or not parts), *parts])
+def count_text(ones: Collection[Instance], doubtful: Collection[int]) -> str:
+    """Count objects as the legend does: "13, 2 more doubtful"."""
+    faint = sum(one.id in doubtful for one in ones)
+    sure = len(ones) - faint
+    return f"{sure}, {faint} more doubtful" if faint and sure else f"{faint} doubtful" if faint else str(sure)
 
 
 def _size(instance: Instance) -> str:
@@ -133,20 +159,20 @@ def legend_html(
     theme: Theme = LIGHT,
     *,
     buttons: bool = False,
-    specks: Mapping[str, int] | None = None,
+    doubtful: Collection[int] | None = None,
     colored: bool = True,
 ) -> str:
     """Explain every colour of a mode.
 
     Args:
-        simap: the map, without its specks.
+        simap: the map.
         mode: what the colours mean.
         theme: of the page.
         buttons: classes can be pressed, where the page's script hears it.
-        specks: {class: specks of it}, counted apart.
+        doubtful: as for `counts_of`; they are counted apart.
         colored: objects have their colours on the map, or on a photo their outlines.
     """
-    specks = specks or {}
+    unsure = simap.doubtful if doubtful is None else doubtful
     if mode == "height":
         bar = _bar("0 m", f"{HEIGHT_TOP_M:g} m and more", "height of the highest point over the floor")
         return _box(f"{bar}{_unseen(theme)}")
@@ -155,9 +181,9 @@ def legend_html(
         return _box(f"{_bar('0', plural(most, 'frame'), 'frames that saw the cell, logarithmic')}{_unseen(theme)}")
     chips = _class_chips(simap) if mode == "class" else {}
     if mode == "class":
-        rows = _class_rows(simap, buttons, specks, chips)
+        rows = _class_rows(simap, buttons, unsure, chips)
     else:
-        rows = _instance_rows(simap, buttons, specks, chips=colored)
+        rows = _instance_rows(simap, buttons, unsure, chips=colored)
     if buttons and len(rows) > MAX_ROWS + 1:
         more = f"<summary>{len(rows) - MAX_ROWS} more classes</summary>{''.join(rows[MAX_ROWS:])}"
         rows = [*rows[:MAX_ROWS], f'<details class="simaps-more">{more}</details>']
@@ -165,10 +191,10 @@ def legend_html(
         outlined = "; objects are outlined" if colored else ""
         return _box(f"{CHIP_STYLE}<div>as the cameras saw it{outlined}</div>{''.join(rows)}{_unseen(theme)}")
     if mode == "class":
-        others = "".join(f'<span class="simaps-entry">{name}</span>' for name in _uncounted(simap, specks, chips))
-        said = "not counted, as they have no objects or only specks"
+        others = "".join(f'<span class="simaps-entry">{name}</span>' for name in _uncounted(simap, chips))
+        said = "not counted, as they have no objects"
         rows += [f'<div style="margin-top:.5em">{said}: {others}</div>'] if others else []
-    rows += [_note("Faint: specks, seen too little to count.")] if specks else []
+    rows += [_note("Faint: doubtful, seen too little to count.")] if unsure else []
     rows += [_note(text) for text in _repeats(simap, mode)]
     ground = (("wall", theme.wall), ("not named", theme.clutter), ("floor", theme.floor), ("never seen", theme.unseen))
     there = np.isin((WALL, CLUTTER, FLOOR), ground_kinds(simap.grid))  # what was never seen is around every map
@@ -190,12 +216,10 @@ def _unseen(theme: Theme) -> str:
     return f'<div>{CHIP_STYLE}<span class="simaps-entry">{chip(theme.unseen)}never seen</span></div>'
 
 
-def _class_rows(simap: SIMap, buttons: bool, specks: Mapping[str, int], chips: Mapping[str, str]) -> list[str]:
-    entries = ((one, count, specks.get(one, 0)) for one, count in simap.counts().items())
-    return [
-        f'<div class="simaps-entry">{_class_entry(label, count, buttons, faint, chips[label])}</div>'
-        for label, count, faint in entries
-    ]
+def _class_rows(simap: SIMap, buttons: bool, doubtful: Collection[int], chips: Mapping[str, str]) -> list[str]:
+    shown, counts = simap.counts(), counts_of(simap, doubtful).items()
+    entries = (_class_entry(one, n, buttons and one in shown, more, chips.get(one, "")) for one, (n, more) in counts)
+    return [f'<div class="simaps-entry">{entry}</div>' for entry in entries]
 
 
 def _class_chips(simap: SIMap) -> dict[str, str]:
@@ -203,20 +227,18 @@ def _class_chips(simap: SIMap) -> dict[str, str]:
     return {name: chip(color, PATTERN_STYLES[patterns[name]]) for name, color in colors.items()}
 
 
-def _uncounted(simap: SIMap, specks: Mapping[str, int], chips: Mapping[str, str]) -> list[str]:
-    """Return the other classes that have a colour on the map: what cannot be counted, and what only specks have."""
-    grid, counts = simap.grid, simap.counts()
+def _uncounted(simap: SIMap, chips: Mapping[str, str]) -> list[str]:
+    """Return the other classes that have a colour on the map, which cannot be counted."""
+    grid, counts = simap.grid, counts_of(simap)
     bare = (simap.instance == 0) & (grid.label > 0) & ~cells_of_classes(grid, "floor", "wall")
-    there = np.flatnonzero(np.bincount(grid.label[bare], minlength=len(grid.labels)))
-    names = {grid.labels[i]: "" for i in there} | {name: f" ({plural(n, 'speck')})" for name, n in specks.items()}
-    return [
-        f"{chips[name]}{short_html(plain(name))}{some}" for name, some in sorted(names.items()) if name not in counts
-    ]
+    names = {grid.labels[i] for i in np.flatnonzero(np.bincount(grid.label[bare], minlength=len(grid.labels)))}
+    return [f"{chips[name]}{short_html(plain(name))}" for name in sorted(names) if name not in counts]
 
 
-def _class_entry(label: str, count: int, buttons: bool, specks: int, chip: str = "") -> str:
+def _class_entry(label: str, count: int, buttons: bool, doubtful: int, chip: str = "") -> str:
     """Return a class and its number of objects, as a button that shows it alone and one that fades it."""
-    text = f"{chip}{short_html(label)} <b>{count}</b>" + (f" + {plural(specks, 'speck')}" if specks else "")
+    counted = [f"<b>{count}</b>"] * (count > 0) + [f"{doubtful} doubtful"] * (doubtful > 0)
+    text = f"{chip}{short_html(label)} {' + '.join(counted)}"
     if not buttons:
         return text
     name = escape(label)
@@ -228,17 +250,19 @@ def _class_entry(label: str, count: int, buttons: bool, specks: int, chip: str =
     )
 
 
-def _instance_rows(simap: SIMap, buttons: bool, specks: Mapping[str, int], chips: bool) -> list[str]:
+def _instance_rows(simap: SIMap, buttons: bool, doubtful: Collection[int], chips: bool) -> list[str]:
     colors = instance_colors(simap)
     ids: dict[str, list[int]] = {}
     for one in simap.instances:
-        ids.setdefault(one.label, []).append(one.id)
+        ids.setdefault(one.label, []).extend([one.id] * (one.id not in doubtful))
     rows = []
-    for label, count in simap.counts().items():
-        some = "".join(chip(as_color(colors[i]), number=i if buttons else 0) for i in ids[label][:MAX_CHIPS])
-        some += f" +{count - MAX_CHIPS}" if count > MAX_CHIPS else ""
-        entry = _class_entry(label, count, buttons, specks.get(label, 0))
-        rows.append(f'<div><span class="simaps-entry">{entry}</span>{some if chips else ""}</div>')
+    for label, (count, more) in counts_of(simap, doubtful).items():
+        shown = ids.get(label, [])
+        some = "".join(chip(as_color(colors[i]), number=i if buttons else 0) for i in shown[:MAX_CHIPS])
+        some += f" +{len(shown) - MAX_CHIPS}" if len(shown) > MAX_CHIPS else ""
+        below = f' <span style="{DIM_STYLE}">{count - len(shown)} below others</span>' if count > len(shown) else ""
+        entry = _class_entry(label, count, buttons and label in ids, more)
+        rows.append(f'<div><span class="simaps-entry">{entry}</span>{some if chips else ""}{below}</div>')
     return rows
 
 

@@ -4,6 +4,7 @@ Distances are in metres on the map plane between the centres of the nearest cell
 within a cell; 1 is the closest, ties go to the smaller instance id.
 """
 
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -29,8 +30,6 @@ OPAQUE_HEIGHT_M: Final = 1.5
 """Cells at least this high cannot be looked over by a robot that drives there."""
 MAX_LOOKED: Final = 100_000_000
 """What the functions of one program may look at together: cells, and pairs of things."""
-_SURE, _OFTEN = 0.5, 5
-"""Score and number of frames from which on the map is sure of a hidden thing."""
 _ALL: Final = ("anything", "everything", "something", "all")
 
 
@@ -169,7 +168,6 @@ class Grounding:
         self._eye = {"field_of_view_rad": field_of_view_rad, "eye_height_m": eye_height_m}
         self._looked, self._max_looked = 0.0, max_looked
         self._vocabulary = Vocabulary(simap.counts(hidden=True))
-        self._unseen_of: dict[str, tuple[Instance, ...]] = {}
         self.viewer = viewer
 
     @property
@@ -234,8 +232,8 @@ class Grounding:
         if not isinstance(name, str):
             return (self.pick(name),)
         labels = self.labels_of(name)
-        shown = (i for label in labels for i in self.simap.of_class(label))
-        return (*shown, *(i for label in labels for i in self._unseen(label)))
+        found = [i for label in labels for i in self._of_label.get(label, ())]
+        return tuple(sorted(found, key=lambda i: i.id in self.hidden_ids))
 
     def named(self, name: str) -> Things:
         """Return the things of a name, the closest first; the empty set, which knows why, where the map has none."""
@@ -248,29 +246,18 @@ class Grounding:
         noun = "thing" if name.strip().lower() in _ALL else plain(labels[0]) if len(labels) == 1 else word
         return Things(self.instances(name), noun, plural(noun))
 
-    def _unseen(self, label: str) -> tuple[Instance, ...]:
-        """Return what lies under, in or on other things, so that no cell shows it, of a class.
-
-        Where cells show something of its class, what the map is not sure of is left out, slivers, which have no box,
-        and what meets a thing that they show: it is that thing, seen again.
-        """
-        if label not in self._unseen_of:
-            shown = self.simap.of_class(label)
-            found = [i for i in self.simap.hidden if i.label == label]
-            if shown:
-                sure = [i for i in found if i.box is not None and not self.is_unsure(i)]
-                found = [i for i in sure if not any(_meet(i, other) for other in shown)]
-            self._unseen_of[label] = tuple(found)
-        return self._unseen_of[label]
-
     @cached_property
     def hidden_ids(self) -> frozenset[int]:
         """Ids of the things that no cell shows."""
         return frozenset(i.id for i in self.simap.hidden)
 
-    def is_unsure(self, thing: Instance) -> bool:
-        """Whether no cell shows a thing, and a network saw it a few times only, or was not sure of it."""
-        return thing.id in self.hidden_ids and (thing.score < _SURE or thing.frames < _OFTEN)
+    @cached_property
+    def _of_label(self) -> dict[str, list[Instance]]:
+        """The things of each class, those that cells show first."""
+        found = defaultdict(list)
+        for thing in self.simap.objects:
+            found[thing.label].append(thing)
+        return found
 
     # ---- ranks
 
@@ -373,11 +360,6 @@ class Grounding:
         self.look(work / 10.0)
         apart = self.cells.metres(pairs[:, 2]).tolist()
         return list(zip(pairs[:, 0].tolist(), pairs[:, 1].tolist(), apart, strict=True))
-
-
-def _meet(a: Instance, b: Instance) -> bool:
-    """Whether the boxes of two things have a part in common."""
-    return all(a.aabb_m[0][k] <= b.aabb_m[1][k] and b.aabb_m[0][k] <= a.aabb_m[1][k] for k in range(3))
 
 
 def one_thing(thing: Any) -> Things:

@@ -27,6 +27,8 @@ _BEND_M: Final = 0.35
 _WIDE: Final = frozenset((*KINDS["storage"], *KINDS["picture"], "couch", "tv", "window", "door", "curtain"))
 """What is deep rather than long: its longer side is its width."""
 _LANDMARK_M: Final = 1.0
+_COUNTED: Final = ("count", "whether", "where", "which")
+"""Questions whose answers count the doubtful apart."""
 _BENDS: Final = ((25.0, "straight on"), (60.0, "bear {}"), (130.0, "turn {}"), (180.1, "turn around"))
 """(degrees up to which, what a turn is called)."""
 _COMPASS: Final = ("east", "north-east", "north", "north-west", "west", "south-west", "south", "south-east")
@@ -39,9 +41,11 @@ def told(sets: "Sets", value: Any, kind: str, other: Any, key: str) -> Told:
         CommandError: when a value is of no use for that kind of question.
     """
     text, said, things = _told(sets, value, kind, other, key)
-    unsure = sum(map(sets.is_unsure, things))
-    of = "it" if len(things) == 1 else "any" if unsure == len(things) else f"{unsure} of them"
-    return f"{text} The map is not sure of {of}." if unsure else text, said, things
+    unsure = sum(thing.id in sets.simap.doubtful for thing in things)
+    if not unsure or (kind in _COUNTED and len(things) > 1):
+        return text, said, things
+    who = "It" if len(things) == 1 else "All" if unsure == len(things) else f"{unsure} of them"
+    return f"{text} {who} {'are' if unsure > 1 else 'is'} doubtful.", said, things
 
 
 def _told(sets: "Sets", value: Any, kind: str, other: Any, key: str) -> Told:
@@ -107,17 +111,25 @@ def _nothing(found: Things, kind: str) -> Told:
     return text, 0 if kind == "count" else None, []
 
 
+def _number(sets: "Sets", found: Things, where: str = "") -> tuple[str, int]:
+    """Return how many there are in words, the doubtful counted apart, and as a number; all where all are doubtful."""
+    doubtful = sum(thing.id in sets.simap.doubtful for thing in found.items)
+    n = len(found) - doubtful or len(found)
+    some = "all" if doubtful == len(found) else f"{doubtful} more"
+    more = f", {some} doubtful" if doubtful and len(found) > 1 else ""
+    return f"{'is' if n == 1 else 'are'} {found.number(n)}{where}{more}", n
+
+
 def _count(sets: "Sets", found: Things) -> Told:
-    n = len(found)
-    where = "" if found.after else " on this map"
-    return f"There {'is' if n == 1 else 'are'} {found.number()}{where}.", n, list(found.items)
+    said, n = _number(sets, found, "" if found.after else " on this map")
+    return f"There {said}.", n, list(found.items)
 
 
 def _whether(sets: "Sets", found: Things) -> Told:
     nearest = sets.ranked(found.items)[0]
     if len(found) == 1:
         return f"Yes, there is one {found.one}; it is {place_of(sets, nearest)}.", True, list(found.items)
-    return f"Yes, there are {found.number()}; the nearest is {place_of(sets, nearest)}.", True, list(found.items)
+    return f"Yes, there {_number(sets, found)[0]}; the nearest is {place_of(sets, nearest)}.", True, list(found.items)
 
 
 def _where(sets: "Sets", found: Things) -> Told:
@@ -132,7 +144,7 @@ def _where(sets: "Sets", found: Things) -> Told:
         return f"{text}{tied}.", first.label, [first]
     places = "; ".join(place_of(sets, i) for i in found.items[:_MAX_LISTED])
     more = "; …" if len(found) > _MAX_LISTED else ""
-    return f"There are {found.number()}: {places}{more}.", first.label, list(found.items)
+    return f"There {_number(sets, found)[0]}: {places}{more}.", first.label, list(found.items)
 
 
 def _what(sets: "Sets", found: Things) -> Told:

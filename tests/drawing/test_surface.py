@@ -42,7 +42,7 @@ def test_the_plant_under_the_table_is_an_object_of_its_own(simap):
     words = facts_html(simap, plant)
     assert (
         "dining table 6" in words
-        and "one of 1, and 1 below other things" in words
+        and "doubtful: seen too little to count; of this class there are 1" in words
         and "Under" in words
         and "from 0.0" in words
     )

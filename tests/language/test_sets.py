@@ -516,9 +516,9 @@ def test_what_no_cell_shows_is_spoken_of_where_it_stands_on_or_under_something()
     x, y = simap.spec.centre_of(int(rows[len(rows) // 2]), int(cols[len(cols) // 2]))
     spot = np.array([[x, y, 0.3], [x + simap.spec.cell_size_m, y, 0.3]], np.float32)
 
-    def below(number: int, **others: Any) -> Instance:
+    def below(number: int, cells: int = 40, **others: Any) -> Instance:
         facts = {"frames": 9, "score": 0.9} | others
-        return Instance(number, "chair", 2, (x, y, 0.3), ((x, y, 0.0), (x, y, 0.3)), **facts)
+        return Instance(number, "chair", cells, (x, y, 0.3), ((x, y, 0.0), (x, y, 0.3)), **facts)
 
     cup = dataclasses.replace(below(904, frames=2), label="cup")
     chairs = (below(901), below(902, frames=2), below(903, score=0.3), cup)
@@ -542,7 +542,29 @@ def test_what_no_cell_shows_is_spoken_of_where_it_stands_on_or_under_something()
     # Where nothing else of its name is shown, a thing is meant that the map is not sure of.
     told = simaps_viz.ask(with_hidden, "how many cups are under the dining table?", pose=TOY_POSE).answer
     assert told and (told["value"], told["instances"]) == (1, [904])
-    assert told["text"].endswith("The map is not sure of it.")
+    assert told["text"].endswith("It is doubtful.")
+    # What is doubtful, and a sliver beside others, does not count.
+    assert [one.id for one in with_hidden.objects if one in with_hidden.hidden] == [901, 904]
+    assert with_hidden.doubtful == {904}
+    sliver = dataclasses.replace(simap, hidden=(below(901, cells=2),))
+    assert sliver.objects == sliver.instances
+
+
+def test_what_a_glance_made_is_counted_apart() -> None:
+    simap = toy_map()
+    ones = [dataclasses.replace(one, frames=2 if one.id == 3 else 9) for one in simap.instances]
+    many = dataclasses.replace(simap, instances=tuple(ones), frame_names=tuple(f"{i}" for i in range(200)))
+    assert many.doubtful == {3} and not simap.doubtful  # of so few frames one is enough
+
+    def asked(question: str) -> dict[str, Any]:
+        answer = simaps_viz.ask(many, question, pose=TOY_POSE).answer
+        assert answer is not None
+        return answer
+
+    chairs = asked("how many chairs are there?")
+    assert chairs["text"] == "There are 2 chairs on this map, 1 more doubtful." and chairs["value"] == 2
+    assert set(chairs["instances"]) == {1, 3, 4}
+    assert "there are 2 chairs, 1 more doubtful; the nearest" in asked("is there a chair?")["text"]
 
 
 def test_the_desk_is_another_one_where_only_that_fits() -> None:

@@ -23,7 +23,7 @@ from simaps_viz.viewer.panels import map as map_panel
 from simaps_viz.viewer.panels.command import CommandPanel
 from simaps_viz.viewer.panels.compare import MethodPanel, item_text, method_panel
 from simaps_viz.viewer.panels.instance import FindBox
-from simaps_viz.viewer.panels.map import FAINT, MAX_CHANGES, MapPanel, change_text, changes_between, specks_on
+from simaps_viz.viewer.panels.map import FAINT, MAX_CHANGES, MapPanel, change_text, changes_between, doubtful_on
 from simaps_viz.viewer.scene.map_scene import Style
 from simaps_viz.viewer.workbench import Workbench
 
@@ -127,17 +127,19 @@ def test_the_words_name_the_classes_that_have_other_counts():
     said = "4 chairs (3 before), 3 dining tables (2 before)"
     changes, _ = changes_between(whole, cut)
     lines = [change.text for change in changes]
-    assert change_text(whole, cut, changes, 0) == "\n".join((f"{said}, {len(changes)} changes", *lines))
-    assert change_text(whole, cut, changes[:1], 0) == f"{said}, 1 change\n{lines[0]}"
-    many = change_text(whole, cut, changes * 5, 1).splitlines()
+    assert change_text(whole.counts(), cut.counts(), changes, 0) == "\n".join(
+        (f"{said}, {len(changes)} changes", *lines)
+    )
+    assert change_text(whole.counts(), cut.counts(), changes[:1], 0) == f"{said}, 1 change\n{lines[0]}"
+    many = change_text(whole.counts(), cut.counts(), changes * 5, 1).splitlines()
     assert len(changes * 5) > MAX_CHANGES
     assert many[0].endswith("changes, 1 outline is slightly different")
     assert many[1:] == [
         *(change.text for change in (changes * 5)[:MAX_CHANGES]),
         f"and {len(changes) * 5 - MAX_CHANGES} more",
     ]
-    assert change_text(whole, cut, (), 1) == f"{said}, 1 outline is slightly different"
-    assert change_text(whole, whole, (), 0) == "nothing changed"
+    assert change_text(whole.counts(), cut.counts(), (), 1) == f"{said}, 1 outline is slightly different"
+    assert change_text(whole.counts(), whole.counts(), (), 0) == "nothing changed"
 
 
 def test_a_moved_slider_says_what_it_changed_and_one_button_shows_before(monkeypatch):
@@ -151,7 +153,7 @@ def test_a_moved_slider_says_what_it_changed_and_one_button_shows_before(monkeyp
         assert session.wait_idle() and panel._change.visible
         cut = session.simap
         changes, _ = changes_between(whole, cut)
-        said = change_text(whole, cut, changes, 0)
+        said = change_text(whole.counts(), cut.counts(), changes, 0)
         assert f"Now: K 30 %: {said}<" in panel._change.content
         assert drawn[-1] == (cut, tuple(one for change in changes for one in change.after))
         # One after the other, the largest first, and around.
@@ -253,30 +255,29 @@ def test_another_method_is_shown_on_this_page_alone_and_goes_again():
         assert "Not built" in panel._status.content
 
 
-def test_specks_are_faint_and_not_counted_by_thresholds_that_a_person_moves(monkeypatch):
+def test_what_is_doubtful_is_faint_and_not_counted_by_thresholds_that_a_person_moves(monkeypatch):
     with opened() as (_, page):
         session, panel, drawn = page.session, page.session.panels[MapPanel], []
         monkeypatch.setattr(session.scene, "show_map", lambda simap, picture, style: drawn.append(style))
         cells = sorted({one.cells for one in session.simap.instances})
         few = {one.id for one in session.simap.instances if one.cells < cells[2]}
-        assert panel.specks(session.simap) == frozenset() and "7 instances" in panel._counts.content
+        assert panel.doubtful(session.simap) == frozenset() and "7 instances" in panel._counts.content
         panel._least_cells.value = cells[2]
         session.repaint()
-        assert session.wait_idle() and panel.specks(session.simap) == few
-        assert f"{7 - len(few)} instances · {len(few)} speck" in panel._counts.content
+        assert session.wait_idle() and panel.doubtful(session.simap) == few
+        assert f"{7 - len(few)} instances, {len(few)} more doubtful" in panel._counts.content
         # The same number everywhere.
         chairs = session.simap.of_class("chair")
-        assert {one.id for one in chairs} < specks_on(session)
-        assert "one of 2, and 1 speck" in facts_html(session.simap, chairs[0], {chairs[0].id})
-        assert "one of 3 specks" in facts_html(session.simap, chairs[0], specks_on(session))
+        assert {one.id for one in chairs} < doubtful_on(session)
+        assert "one of 2, 1 more doubtful" in facts_html(session.simap, chairs[0], {chairs[1].id})
+        assert "doubtful: seen too little" in facts_html(session.simap, chairs[0], doubtful_on(session))
         assert (
-            session.panels[CommandPanel]._of_them_specks([one.id for one in chairs])
-            == "Of these 3 the legend counts 3 as specks."
+            session.panels[CommandPanel]._of_them_doubtful([one.id for one in chairs]) == "Of these 3, 3 are doubtful."
         )
         session.panels[FindBox]._box.value = "chair"
         session.panels[FindBox]._typed()
-        assert "chair: 3 specks. Enter" in session.panels[FindBox]._status.content
-        assert "chair <b>3</b> + 2 specks" in legend_html(session.simap, "instance", specks={"chair": 2})
+        assert "chair: 3 doubtful." in session.panels[FindBox]._status.content
+        assert "chair <b>2</b> + 1 doubtful" in legend_html(session.simap, "instance", doubtful={chairs[0].id})
         painted, colors = drawn[-1].paint
         assert np.array_equal(painted, np.flatnonzero(np.isin(session.simap.instance, list(few))))
         own = cell_colors(session.simap, "instance").reshape(-1, 3)[painted].astype(float)
@@ -288,4 +289,4 @@ def test_specks_are_faint_and_not_counted_by_thresholds_that_a_person_moves(monk
         state = panel.state()
         panel._least_cells.value = 0
         panel.restore(state)
-        assert panel.specks(session.simap) == few
+        assert panel.doubtful(session.simap) == few

@@ -117,7 +117,7 @@ def test_whose_left_is_meant_is_said_once():
     assert text.startswith("There is no chair") and sides_text(text, TOY_POSE).startswith("Left: as seen")
 
 
-def test_a_doubtful_thing_that_is_meant_is_called_so():
+def test_a_thing_that_is_meant_and_may_be_wrong_is_called_so():
     simap = toy_map()
     unsure = [replace(one, score=0.1) if one.label == "couch" else one for one in simap.instances]
     simap = replace(simap, instances=tuple(unsure))
@@ -127,7 +127,7 @@ def test_a_doubtful_thing_that_is_meant_is_called_so():
         for command, doubtful in (("go to the couch", True), ("go to the plant", False)):
             panel.ask(command)
             until(lambda: "Done" in shown(bench))
-            assert ("Couch 5 is doubtful: class unsure, 10%." in shown(bench)) == doubtful
+            assert ("Couch 5 may be wrong: class unsure, 10%." in shown(bench)) == doubtful
 
 
 def test_two_things_of_one_class_are_called_by_their_names():
@@ -377,7 +377,7 @@ def test_the_reason_stays_where_the_robot_comes_back_afterwards():
         assert "is the second closest to where the command was given" in shown(bench)
 
 
-def test_specks_among_the_candidates_are_counted_apart_as_on_the_map():
+def test_the_doubtful_among_the_candidates_are_counted_apart_as_on_the_map():
     with toy_workbench(real_services()) as bench, fake_page(bench):
         session, panel = mine(bench), mine(bench).panels[CommandPanel]
         panel._drive.speed = 8.0
@@ -387,7 +387,7 @@ def test_specks_among_the_candidates_are_counted_apart_as_on_the_map():
             panel.ask("go to the leftmost chair")
             until(lambda: "Done" in shown(bench))
             assert bench.wait_idle() and bool(faint) == said
-            assert (f"Of these 3 the legend counts {faint} as " in shown(bench)) == said
+            assert (f"Of these 3, {faint} " in shown(bench)) == said
 
 
 def test_marks_of_an_answer_end_as_the_next_command_is_typed_and_as_another_thing_is_selected():

@@ -1,4 +1,4 @@
-"""The list of errors, and of doubtful objects where nobody knows the truth."""
+"""The list of errors, and of what may be wrong where nobody knows the truth."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -46,14 +46,14 @@ def test_errors_name_objects_of_the_map_and_what_is_true():
     assert one.extent_m[0] < x < one.extent_m[2] and one.extent_m[1] < y < one.extent_m[3]
 
 
-def test_specks_are_not_listed_as_doubtful():
+def test_what_is_doubtful_is_not_listed_as_an_error():
     simap = toy_map()
     few = replace(simap, instances=tuple(replace(one, frames=1, score=0.1) for one in simap.instances))
     listed = doubt_entries(few, frozenset())
     assert {one.selects for one in listed} == {one.id for one in few.instances}
-    speck = few.instances[0].id
-    assert {one.selects for one in doubt_entries(few, frozenset({speck}))} == {
-        one.id for one in few.instances if one.id != speck
+    glance = few.instances[0].id
+    assert {one.selects for one in doubt_entries(few, frozenset({glance}))} == {
+        one.id for one in few.instances if one.id != glance
     }
 
 
@@ -68,7 +68,7 @@ def test_frames_are_read_for_the_truth_only_when_errors_are_asked_for(monkeypatc
 
     sources = (Source(TRUTH, "Ground truth"),) if known else ()
     maker = SimpleNamespace(has_truth=has_truth, sources=lambda _: sources, make=make)
-    monkeypatch.setattr(errors, "specks_on", lambda page: frozenset())
+    monkeypatch.setattr(errors, "doubtful_on", lambda page: frozenset())
     server = viser.ViserServer(host="127.0.0.1", port=free_port(), verbose=False)
     try:
         page = SimpleNamespace(gui=server.gui, simap=simap, panels=(), submit=lambda _, job: jobs.append(job))
@@ -99,7 +99,7 @@ def test_the_list_marks_where_errors_end_and_what_a_slider_has_to_do_with_one(mo
     truth = replace(toy_map(), instance=cells)
     found = compare_two(("This map", simap), ("The truth", truth), truth="right")
     server = viser.ViserServer(host="127.0.0.1", port=free_port(), verbose=False)
-    monkeypatch.setattr(errors, "specks_on", lambda page: frozenset())
+    monkeypatch.setattr(errors, "doubtful_on", lambda page: frozenset())
     change = SimpleNamespace(change_of=lambda ids: ("K 0 %", "merged · chairs 1 + 2 → 1"))
     try:
         panels = {errors.MapPanel: change}
@@ -120,7 +120,7 @@ def test_the_list_marks_where_errors_end_and_what_a_slider_has_to_do_with_one(mo
 def test_what_is_shown_of_an_entry_goes_with_its_list(monkeypatch):
     simap = replace(toy_map(), instances=tuple(replace(one, frames=1, score=0.1) for one in toy_map().instances))
     server, selected, drawn = viser.ViserServer(host="127.0.0.1", port=free_port(), verbose=False), [], []
-    monkeypatch.setattr(errors, "specks_on", lambda page: frozenset())
+    monkeypatch.setattr(errors, "doubtful_on", lambda page: frozenset())
     try:
         scene = SimpleNamespace(show_changed=lambda simap, ids: drawn.append(tuple(ids)))
         page = SimpleNamespace(

@@ -322,7 +322,7 @@ def ids_then(then: SIMap, now: SIMap, ids: frozenset[int]) -> frozenset[int]:
 def then_text(look: SIMap) -> str:
     """Describe an earlier map: its objects, and the area that was seen."""
     seen = float((~np.isnan(look.grid.height_m)).sum()) * look.spec.cell_size_m**2
-    found = counts_text(look) if look.instances else "no instances yet"
+    found = counts_text(look, doubtful=()) if look.instances else "no instances yet"
     return f"{found} · {seen:.1f} m² seen"
 
 

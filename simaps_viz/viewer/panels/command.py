@@ -50,7 +50,7 @@ from simaps_viz.structures import Instance, Pose2, SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel, button, button_row, by_person
 from simaps_viz.viewer.page.shared import Snapshot
-from simaps_viz.viewer.panels.map import specks_on, without
+from simaps_viz.viewer.panels.map import doubtful_on, without
 from simaps_viz.viewer.scene.annotations import Label, label_of
 from simaps_viz.viewer.scene.camera import SLANT, Follower
 from simaps_viz.viewer.scene.map_scene import Style
@@ -62,7 +62,7 @@ _MAX_LISTED = 4
 _SIDE = re.compile(r"\b(left|right|in front|behind|ahead)(?:most)?\b")
 SEEN = "as seen from the robot"
 DOUBTFUL = 0.25
-"""From this weight of its doubts on an object that is meant is called doubtful."""
+"""From this weight of its doubts on it is said that an object that is meant may be wrong."""
 _CHOOSERS = [*FUNCTIONS, *(name for name, primitive in PRIMITIVES.items() if primitive.kind == "lookup")]
 _FROM_WHAT = re.compile(r"\b(?:nearest to|farthest from) the (?:nearest )?(.+)$")
 """What distances are from, in the words for something that is nearest to it."""
@@ -416,8 +416,8 @@ def examples(simap: SIMap, most: int = EXAMPLES) -> list[str]:
 
 
 def _counted(page: Page) -> SIMap:
-    """Return the map of a page without its specks."""
-    return without(page.simap, specks_on(page))
+    """Return the map of a page without what is doubtful."""
+    return without(page.simap, doubtful_on(page))
 
 
 def _in_short(command: str) -> str:
@@ -489,7 +489,7 @@ class CommandPanel(Panel):
         self._why: tuple[str, ...] = ()
         self._readings: tuple[str, ...] = ()
         self._doubted: tuple[SIMap | None, dict[int, Doubt]] = None, {}
-        """A map, and its objects that are doubtful enough to be called so."""
+        """A map, and its objects that may be wrong, as far as that is worth a word."""
         self._trajectory: Trajectory | None = None
         self._line = 0
         self._lit: frozenset[int] = frozenset()
@@ -888,7 +888,7 @@ class CommandPanel(Panel):
         """
         if answer.answer is not None:
             told, value = answer.answer["instances"], answer.answer["value"]
-            counted = self._of_them_specks(told) if type(value) is int and value == len(told) else ""
+            counted = self._of_them_doubtful(told) if type(value) is int and value == len(told) else ""
             labels = goal_labels(simap, answer.goals) or answer_labels(simap, told)
             return labels, (counted, *self._cautions(simap, answer))
         labels = {goal.label for goal in answer.goals if goal.label}
@@ -904,27 +904,27 @@ class CommandPanel(Panel):
         candidates = in_asked_order(answer, find(simap, labels.pop(), self._page.pose))
         chosen = {goal.instance or 0 for goal in answer.goals}
         why = why_text(answer, candidates)
-        why = " ".join(filter(None, [why, why and self._of_them_specks([one.instance.id for one in candidates])]))
+        why = " ".join(filter(None, [why, why and self._of_them_doubtful([one.instance.id for one in candidates])]))
         away = _FROM_WHAT.search(answer.goals[0].words) if answer.goals[0].away_m else None
         what = f"from the {away[1]}" if away else "from it" if answer.goals[0].away_m else "away"
         labels = candidate_labels(candidates, chosen, away=what)
         return labels, (why, beyond_text(simap, answer), *self._cautions(simap, answer, why))
 
     def _cautions(self, simap: SIMap, answer: Answer, *why: str) -> list[str]:
-        """Return whose left is meant, and what is doubtful about what is meant."""
+        """Return whose left is meant, and what may be wrong about what is meant."""
         if self._doubted[0] is not simap:
             self._doubted = simap, {one.instance.id: one for one in doubts(simap) if one.weight > DOUBTFUL}
         known = self._doubted[1]
         meant = dict.fromkeys(goal.instance for goal in answer.goals if goal.instance in known)
-        found = [f"{_cap(known[i].instance.name)} is doubtful: {known[i].brief}." for i in meant if i]
+        found = [f"{_cap(known[i].instance.name)} may be wrong: {known[i].brief}." for i in meant if i]
         return [sides_text(" ".join([outcome_text(answer), *why]), self._page.pose), *found[:_MAX_LISTED]]
 
-    def _of_them_specks(self, ids: Collection[int]) -> str:
-        """Return words for how many of several objects the legend counts as specks; empty where none is one."""
-        faint = len(specks_on(self._page) & set(ids))
+    def _of_them_doubtful(self, ids: Collection[int]) -> str:
+        """Return words for how many of several objects are doubtful, as the page counts; empty where none is."""
+        faint = len(doubtful_on(self._page) & set(ids))
         if not faint or len(ids) == 1:
             return ""
-        return f"Of these {len(ids)} the legend counts {faint} as {'specks' if faint > 1 else 'a speck'}."
+        return f"Of these {len(ids)}, {faint} {'are' if faint > 1 else 'is'} doubtful."
 
     def _moved(self, pose: Pose2, share: float, leg: int) -> None:
         self._page.pose = pose

@@ -134,7 +134,7 @@ def summary_html(maps: TwoMaps, theme: Theme = LIGHT) -> str:
     lines.append(f'<table style="border-spacing:0">{rows}</table>')
     truth = reference if maps.score is not None else None
     lines += [
-        f"{escape(side.title)}: {plural(side.count, 'instance')}{'' if side is truth else ', specks included'}"
+        f"{escape(side.title)}: {plural(side.count, 'instance')}{'' if side is truth else ', the doubtful included'}"
         for side in (left, right)
     ]
     lines += ignored_lines(maps)
@@ -209,7 +209,7 @@ OTHER = 20.0
 """By how many percent the other settings differ at first."""
 NO_TRUTH = (
     "No ground truth of this place is known: differences between two maps are shown, not errors. "
-    "Tab Errors lists what is doubtful on this map."
+    "Tab Errors lists what may be wrong on this map."
 )
 
 

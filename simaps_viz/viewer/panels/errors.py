@@ -1,4 +1,4 @@
-"""The panel that lists what is wrong on the map, the worst first; where no truth is known, what is doubtful."""
+"""The panel that lists what is wrong on the map, the worst first; where no truth is known, what may be wrong."""
 
 import functools
 from collections.abc import Sequence
@@ -15,19 +15,19 @@ from simaps_viz.structures import SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel, PanelSpec, button, button_row, by_person
 from simaps_viz.viewer.panels.instance import FrameGallery, best_pictures
-from simaps_viz.viewer.panels.map import MapPanel, specks_on
+from simaps_viz.viewer.panels.map import MapPanel, doubtful_on
 from simaps_viz.viewer.scene.camera import Extent, with_margin
 
-ABOUT = "the worst errors of the map, or, where no truth is known, its doubtful objects"
+ABOUT = "the worst errors of the map, or, where no truth is known, what may be wrong"
 TITLE = "Errors"
 LISTED = 6
 """Entries on a page of the list."""
-ERRORS, DOUBTS = "Worst errors", "Doubtful objects"
+ERRORS, DOUBTS = "Worst errors", "Likely errors"
 KNOWN = "What is true in this place is known. Press one: the map goes there, true outlines are pink."
 END = "No errors from here on: outlines more than half right, and very small things."
 UNKNOWN = "Nobody has said what is true in this place. "
 LEAST_SURE = (
-    "These are the objects that the map itself is least sure of, the most doubtful first. "
+    "These are the objects that the map itself is least sure of, the likeliest to be wrong first. "
     "Press one: the map goes there."
 )
 RIGHT = "The share is that of the cells on which the map and the truth agree (intersection over union)."
@@ -56,7 +56,7 @@ def errors_panel(maker: MapMaker) -> PanelSpec:
 
 
 class ErrorsPanel(Panel):
-    """A list of errors or doubtful objects; pressing one selects it, and looks at it.
+    """A list of errors, or of what may be one; pressing one selects it, and looks at it.
 
     It is made only while its tab is open: comparing takes long.
     """
@@ -131,8 +131,8 @@ class ErrorsPanel(Panel):
             wrong = len(found.differences)
             head = f"{plural(wrong, 'error')}{', the worst first' * (wrong > 1)}. {KNOWN}"
         else:
-            entries = doubt_entries(simap, specks_on(self._page))
-            head = f"{'' if self._known else UNKNOWN}{LEAST_SURE if entries else 'No object is doubtful.'}"
+            entries = doubt_entries(simap, doubtful_on(self._page))
+            head = f"{'' if self._known else UNKNOWN}{LEAST_SURE if entries else 'The map is sure of every object.'}"
         if simap is self._page.simap:
             self._entries, self._first, self._chosen, self._listed = entries, 0, -1, simap
             self._views.hide()
@@ -205,10 +205,10 @@ class ErrorsPanel(Panel):
             self._views.show(pictures, frames)
 
 
-def doubt_entries(simap: SIMap, specks: frozenset[int]) -> list[Entry]:
-    """Return a line for each doubtful object of a map; specks are left out, for they do not count."""
+def doubt_entries(simap: SIMap, doubtful: frozenset[int]) -> list[Entry]:
+    """Return a line for each object that may be wrong; the doubtful are left out, for they do not count."""
     entries = []
-    for doubt in doubts(simap, specks):
+    for doubt in doubts(simap, doubtful):
         one = doubt.instance
         (x0, y0, _), (x1, y1, _) = one.aabb_m
         more = f"{one.name}: {' '.join(doubt.reasons)}"

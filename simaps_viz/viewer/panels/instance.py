@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from simaps_viz.colors.classes import plural
 from simaps_viz.drawing.frame_pictures import best_views, gallery, named, outlined
-from simaps_viz.drawing.legend import count_text, facts_html, object_names
+from simaps_viz.drawing.legend import count_text, facts_html, not_counted, object_names
 from simaps_viz.drawing.surface import stack_at
 from simaps_viz.drawing.theme import BOX_STYLE, DIM_STYLE, small_html
 from simaps_viz.errors import CommandError, InputError
@@ -21,8 +21,9 @@ from simaps_viz.mapping.in_space import all_instances
 from simaps_viz.structures import Instance, SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel, button, by_person
+from simaps_viz.viewer.page.shared import Snapshot
 from simaps_viz.viewer.panels.command import CommandPanel
-from simaps_viz.viewer.panels.map import FINISH, specks_on
+from simaps_viz.viewer.panels.map import FINISH, doubtful_on
 
 FIND = "Find"
 FIND_HINT = (
@@ -70,7 +71,9 @@ def matches(simap: SIMap, typed: str) -> tuple[Instance, ...]:
     if not name and digits is None:
         raise NotFound("Type a class or a number, such as: chair 18.")
     label = _class_of(simap, name) if name else None
-    ones = tuple(one for one in all_instances(simap) if label in (None, one.label))
+    # A class is what counts count; by its number any object is found.
+    named = simap.objects if digits is None else all_instances(simap)
+    ones = tuple(one for one in named if label in (None, one.label))
     found = tuple(one for one in ones if digits is None or one.id == int(digits))
     if found:
         return found
@@ -177,7 +180,7 @@ class FindBox(Panel):
     def _list(self, text: str, found: tuple[Instance, ...], scores: tuple[float, ...] = ()) -> None:
         self._words, self._found, self._scores = text, found, scores
         first, *others = found
-        count = count_text(self._page.simap, found, specks_on(self._page))
+        count = count_text(found, doubtful_on(self._page))
         many = f"{first.label}: {count}."
         self._report(many if others else f"Enter: {first.name}")
 
@@ -265,14 +268,20 @@ class InstancePanel(Panel):
 
     def map_changed(self, simap: SIMap) -> None:
         """List the instances of the map."""
-        names = object_names(simap, MAX_LISTED)
+        names = object_names(simap, MAX_LISTED, not_counted(simap, doubtful_on(self._page)))
         if names == self._ids:
             return
-        chosen = str(self._list.value)
+        chosen = self._ids.get(str(self._list.value))
         self._ids = names
         self._list.options = (NOTHING, *names)
-        if chosen in names:
-            self._list.value = chosen
+        kept = next((name for name, number in names.items() if number == chosen), None)
+        if kept is not None:
+            self._list.value = kept
+
+    def painted(self, simap: SIMap, snapshot: Snapshot) -> None:
+        """List the instances anew, as the limits of what is doubtful may be others."""
+        if not snapshot.badge:
+            self.map_changed(simap)
 
     def time_changed(self, frame: int, step: int | None) -> None:
         """Offer a way back from an earlier frame."""
@@ -289,8 +298,9 @@ class InstancePanel(Panel):
         self._note.visible = instance is not None
         self._note.content = small_html("Loading its best views …")
         self._why.visible = False
-        self._text.content = HELP if instance is None else facts_html(simap, instance, specks_on(self._page))
-        name = NOTHING if instance is None else instance.name
+        self._text.content = HELP if instance is None else facts_html(simap, instance, doubtful_on(self._page))
+        listed = (name for name, number in self._ids.items() if number == instance_id)
+        name = NOTHING if instance is None else next(listed, instance.name)
         if name not in self._list.options:
             self._ids = {name: instance.id, **self._ids} if instance is not None else self._ids
             self._list.options = (NOTHING, *self._ids)

@@ -5,8 +5,7 @@ import functools
 import json
 import threading
 import time
-from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from html import escape
 from itertools import chain
@@ -21,7 +20,7 @@ from scipy.sparse.csgraph import connected_components
 
 from simaps_viz.colors.classes import CLUTTER, FLOOR, UNSEEN, WALL, ground_kinds, plural
 from simaps_viz.drawing.compare_picture import difference_text
-from simaps_viz.drawing.legend import counts_text, legend_html, title_of
+from simaps_viz.drawing.legend import counts_of, counts_text, legend_html, not_counted, title_of
 from simaps_viz.drawing.texture import TINT, ColorMode, cell_colors, color_modes
 from simaps_viz.drawing.theme import BADGE_STYLE
 from simaps_viz.language.words import plain
@@ -50,9 +49,9 @@ MODE_HINT = "What a colour on the map means; the legend follows."
 TINT_HINT = "How much of the objects' colours lies over the photo."
 CUT_HINT = "Leave out everything above, as if the roof and then the tables were lifted off."
 WALLS_HINT = "Show walls in full height; otherwise they end low, so that one can look in."
-SPECK_FRAMES, FRAMES_PER_GLANCE, FAINT = 3, 50, 0.25
-"""What a glance or two made is a speck, where there are many frames; it keeps this share of its colour."""
-SPECKS_HINT = "What has less is faint and not counted; commands and exports have it all the same."
+FAINT = 0.25
+"""What is doubtful keeps this share of its colour."""
+DOUBTFUL_HINT = "What has less is doubtful: faint and not counted. Commands and exports have it all the same."
 MapState = tuple[ColorMode, int, str | None, bool, tuple[int, float, int], Cut | None]
 GROUND_ID = 1 << 23
 """Ids of objects are less, in what the page's script is sent."""
@@ -145,12 +144,12 @@ class MapPanel(Panel):
             "Show", (EVERY_CLASS, *simap.counts()), initial_value=EVERY_CLASS, hint="Emphasise one class."
         )
         self._rooms = gui.add_checkbox("Rooms", False, hint="Outline the rooms, with their names.")
-        with gui.add_folder("Specks", expand_by_default=False):
-            self._least_frames = gui.add_slider("Frames at least", 0, 20, 1, least_frames(simap), hint=SPECKS_HINT)
-            self._least_score = gui.add_slider("Score at least", 0.0, 1.0, 0.05, 0.0, hint=SPECKS_HINT)
-            self._least_cells = gui.add_slider("Cells at least", 0, 100, 1, 0, hint=SPECKS_HINT)
-        of_specks = self._least_frames, self._least_score, self._least_cells
-        for widget in (self._mode, self._tint, self._class, self._rooms, *of_specks):
+        with gui.add_folder("Doubtful", expand_by_default=False):
+            self._least_frames = gui.add_slider("Frames at least", 0, 20, 1, simap.frames_to_count, hint=DOUBTFUL_HINT)
+            self._least_score = gui.add_slider("Score at least", 0.0, 1.0, 0.05, 0.0, hint=DOUBTFUL_HINT)
+            self._least_cells = gui.add_slider("Cells at least", 0, 100, 1, 0, hint=DOUBTFUL_HINT)
+        limits = self._least_frames, self._least_score, self._least_cells
+        for widget in (self._mode, self._tint, self._class, self._rooms, *limits):
             widget.on_update(lambda _: page.repaint())
         self.base_changed(simap)
 
@@ -322,7 +321,7 @@ class MapPanel(Panel):
         elif style.lit is not None and shown is not None:  # the class stays shown beside the selected one
             style = replace(style, lit=style.lit | {one.id for one in simap.of_class(shown)})
         style = replace(style, mode=self.mode, tint=self._tint.value / 100.0)
-        faint = self.specks(simap) - (style.lit or frozenset())
+        faint = self.doubtful(simap) - (style.lit or frozenset())
         if not faint or self.mode not in ("instance", "class"):
             return style
         colors = cell_colors(simap, self.mode, lit=style.lit, theme=style.theme).reshape(-1, 3)
@@ -330,13 +329,13 @@ class MapPanel(Panel):
         floor = np.array(style.theme.floor)
         return replace(style, paint=(cells, (colors[cells] * FAINT + floor * (1.0 - FAINT)).astype(np.uint8)))
 
-    def specks(self, simap: SIMap) -> frozenset[int]:
-        """Return the ids of the instances that were seen too little, by the thresholds that the person has set."""
-        return specks_of(simap, self._least_frames.value, self._least_score.value, self._least_cells.value)
+    def doubtful(self, simap: SIMap) -> frozenset[int]:
+        """Return the ids of the objects that were seen too little, by the thresholds that the person has set."""
+        return doubtful_of(simap, self._least_frames.value, self._least_score.value, self._least_cells.value)
 
-    def _counted(self, simap: SIMap) -> SIMap:
-        """Return a map without its specks, to count what it has."""
-        return without(simap, self.specks(simap))
+    def _counted(self, simap: SIMap) -> dict[str, int]:
+        """Return how many objects of each class count."""
+        return {label: n for label, (n, _) in counts_of(simap, self.doubtful(simap)).items() if n}
 
     def told(self, event: dict[str, Any]) -> None:
         """Show a class of the legend alone, or all again; or fade it, or show it again; take or let go a slider."""
@@ -364,21 +363,20 @@ class MapPanel(Panel):
         if self._busy and self._moved_s > -np.inf:
             self._moved_s = time.monotonic()  # a slider is at rest once what it did is there, however long that took
         self._busy = False
-        specks = frozenset() if snapshot.badge else self.specks(simap)
-        counted = without(simap, specks)
-        self._said, self._counts.content = counts_words(simap, specks), counts_html(simap, specks)
+        doubtful = frozenset() if snapshot.badge else self.doubtful(simap)
+        self._said, self._counts.content = counts_text(simap, doubtful=doubtful), counts_html(simap, doubtful)
         self._show_rooms(simap)
         self._offer_tint()
         for widget in (self._k, self._resolution, self._reset):
             widget.disabled = not simap.instances and not simap.graphs
         self._reset.disabled |= not self._page.cut_here
-        faint = Counter(one.label for one in simap.instances if one.id in specks)
         seen = self.mode == "instance" or not self._in_space  # on a photo of the floor plan, objects are outlined
-        legend = legend_html(counted, self.mode, self._page.theme, buttons=True, specks=faint, colored=seen)
+        legend = legend_html(simap, self.mode, self._page.theme, buttons=True, doubtful=doubtful, colored=seen)
         legend = f'<div class="simaps-legend" style="{LEGEND_STYLE}">{legend}</div>'
         if self._legend.content != legend:  # sent again, it would lose the focus of its buttons
             self._legend.content = legend
-        options = (EVERY_CLASS, *counted.counts())
+        shown = simap.counts()
+        options = (EVERY_CLASS, *(label for label in counts_of(simap, doubtful) if label in shown))
         if options != tuple(self._class.options):
             self._class.options = options  # viser keeps the chosen class if it is still there
         words = f'<span style="{BADGE_STYLE}">{escape(snapshot.badge)}</span>'
@@ -402,13 +400,13 @@ class MapPanel(Panel):
             self._counts.content = self._counts_before
 
     def state(self) -> MapState:
-        """Return colours, their share over a photo, the class to emphasise, rooms, specks, and the cut if set here."""
+        """Return colours, their share over a photo, the class to emphasise, rooms, limits, and the cut if set here."""
         least = self._least_frames.value, self._least_score.value, self._least_cells.value
         cut = self._page.cut if self._page.cut_here else None
         return self.mode, int(self._tint.value), self.shown_class, bool(self._rooms.value), least, cut
 
     def restore(self, state: MapState) -> None:
-        """Restore the colours, the rooms, the specks and the cut."""
+        """Restore the colours, the rooms, the limits and the cut."""
         mode, self._tint.value, shown_class, self._rooms.value, least, cut = state
         self._least_frames.value, self._least_score.value, self._least_cells.value = least
         self.set_look(mode, shown_class)
@@ -434,37 +432,25 @@ class MapPanel(Panel):
         self._page.cut_map(self.percent, self.resolution)
 
 
-def least_frames(simap: SIMap) -> int:
-    """Return in how many frames an instance has to be seen at first, to be no speck."""
-    return min(SPECK_FRAMES, len(simap.frame_names) // FRAMES_PER_GLANCE)
-
-
-def specks_of(simap: SIMap, frames: int, score: float = 0.0, cells: int = 0) -> frozenset[int]:
-    """Return the ids of the instances of which there is less than any of these."""
+def doubtful_of(simap: SIMap, frames: int, score: float = 0.0, cells: int = 0) -> frozenset[int]:
+    """Return the ids of the objects that do not count: of which there is less than any of these, or hidden ones."""
     few = (one for one in simap.instances if one.frames < frames or one.score < score or one.cells < cells)
-    return frozenset(one.id for one in few)
+    return frozenset(one.id for one in few) | (simap.doubtful & {one.id for one in simap.hidden})
 
 
-def specks_on(page: Page) -> frozenset[int]:
-    """Return the ids of the instances that a page does not count."""
-    return page.panels[MapPanel].specks(page.simap) if MapPanel in page.panels else frozenset()
+def doubtful_on(page: Page) -> frozenset[int]:
+    """Return the ids of the objects that a page does not count."""
+    return page.panels[MapPanel].doubtful(page.simap) if MapPanel in page.panels else page.simap.doubtful
 
 
 def without(simap: SIMap, ids: Collection[int]) -> SIMap:
-    """Return a map without some instances, to count the others."""
+    """Return a map without some instances."""
     return replace(simap, instances=tuple(one for one in simap.instances if one.id not in ids)) if ids else simap
 
 
-def counts_html(simap: SIMap, specks: Collection[int]) -> str:
-    """Set `counts_words` in a line."""
-    return _line(counts_words(simap, specks))
-
-
-def counts_words(simap: SIMap, specks: Collection[int]) -> str:
-    """Return the number of objects of each class; specks, and what lies below others, are counted apart."""
-    faint = f" · {plural(len(specks), 'speck')}, seen too little to count" if specks else ""
-    below = f" · {plural(len(simap.hidden), 'object')} below others" if simap.hidden else ""
-    return counts_text(without(simap, specks)) + faint + below
+def counts_html(simap: SIMap, doubtful: Collection[int]) -> str:
+    """Set the number of objects of each class in a line."""
+    return _line(counts_text(simap, doubtful=doubtful))
 
 
 def changes_between(before: SIMap, after: SIMap) -> tuple[tuple[Change, ...], tuple[Change, ...]]:
@@ -525,16 +511,15 @@ def cut_text(simap: SIMap, cut: Cut, other: Cut) -> str:
     return ", ".join([*parts, *([f"resolution {cut.resolution:g}"] if cut.resolution != other.resolution else [])])
 
 
-def change_text(before: SIMap, after: SIMap, changes: Sequence[Change], edges: int) -> str:
+def change_text(old: Mapping[str, int], new: Mapping[str, int], changes: Sequence[Change], edges: int) -> str:
     """Describe how many objects of which classes there are instead, and a line each, the first changes.
 
     Args:
-        before: the map.
-        after: that which is shown instead.
+        old: how many objects of each class there were.
+        new: how many there are instead.
         changes: which objects are others.
         edges: how many are the same, in cells that are not quite the same.
     """
-    old, new = before.counts(), after.counts()
     moved = sorted(
         (name for name in {**old, **new} if old.get(name, 0) != new.get(name, 0)),
         key=lambda name: (-abs(new.get(name, 0) - old.get(name, 0)), name),
@@ -645,6 +630,7 @@ class NamesPanel(Panel):
             only, faded = shown.shown_class, sorted(shown.faded)
         xmin, ymin, xmax, ymax = page.simap.spec.extent_m
         state = {"view": page.viewpoints.name, "selected": page.selected, "only": only, "faded": faded}
+        state["doubtful"] = sorted(not_counted(page.simap, doubtful_on(page)))
         state["middle"] = (xmin + xmax) / 2.0, (ymin + ymax) / 2.0
         content = f'<div class="simaps-state" hidden data-state="{escape(json.dumps(state))}"></div>'
         if self._state.content != content:

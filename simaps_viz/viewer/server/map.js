@@ -286,6 +286,7 @@
     changed = true;
   }, true);
   document.documentElement.addEventListener('pointerleave', () => { pointer = null; changed = true; });
+  const factsOf = (one) => one.facts + ((state.doubtful || []).includes(one.id) ? ' · doubtful' : '');
   let drawn = false;
   const draw = (context, one, thin) => {
     drawn = true;
@@ -353,7 +354,7 @@
       name = named(x, y);
       const cell = cellAt(toScreen, x, y), robot = robotAt(), near = robot && Math.hypot(robot[0] - x, robot[1] - y) < ROBOT_PX;
       under = near ? null : map.objects.get(name || aimedAt(...cell));
-      said = near ? ROBOT : under ? under.facts : map.groundAt(...cell);
+      said = near ? ROBOT : under ? factsOf(under) : map.groundAt(...cell);
       if (said) {
         const wide = widthOf(said) + 14;
         if (hint.textContent !== said) hint.textContent = said;
@@ -382,7 +383,7 @@
     const on = Number(((button && button.textContent.match(/^Step (\d{1,8}) of /)) || [0, 0])[1]);
     if (on !== step && event.pointerType !== 'touch') tell({ type: 'step', number: step = on });
     const entry = entryOf(event), label = entry ? entry.dataset.class : null, square = oneOf(event);
-    if (square) event.target.title = square.facts;
+    if (square) event.target.title = factsOf(square);
     if (label !== pointed || chosen !== square) { pointed = label; chosen = square; changed = true; }
   };
   let heldSlider = false;  // what a slider changes is compared with where its drag began, however long it is held
