@@ -70,3 +70,12 @@ def test_a_question_is_not_answered_as_another_one(said: str) -> None:
 
 def test_a_room_of_an_unknown_kind_is_not_the_room_at_hand() -> None:
     assert "rooms()" not in read_command("is there a server room?", LABELS).program
+
+
+@pytest.mark.parametrize("said", ["where can I sit?", "where can I sit", "Where could I sit "])
+def test_where_something_can_be_done_is_asked_without_a_mark_too(said: str) -> None:
+    assert read_command(said, {"chair": 2}).program == 'tell(things("chair"), "where")'
+
+
+def test_somewhere_to_sit_is_driven_to() -> None:
+    assert read_command("I want to sit", {"chair": 2}).program.startswith("robot.move_to")
