@@ -250,6 +250,16 @@ def test_a_hint_stands_beside_the_panels_and_covers_nothing_of_them(page):
     assert found["x"] > 0 and found["x"] + found["width"] < strip["x"] and found["width"] > 100
 
 
+def test_space_presses_the_button_that_has_the_focus_and_does_not_play(bench, page):
+    session = mine(bench)
+    page.get_by_role("button", name="Light / dark", exact=True).focus()
+    page.keyboard.press("Space")
+    until(page, lambda: session.theme.dark)
+    page.keyboard.press("l")  # other keys go on working there
+    until(page, lambda: not session.theme.dark)
+    assert session.at_end and session.players["frames"]._turn is None
+
+
 def test_an_object_is_found_by_its_name_and_number(bench, page):
     session = mine(bench)
     tab(page, "Mend")

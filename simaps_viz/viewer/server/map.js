@@ -473,8 +473,10 @@
     event.preventDefault();
     tell({ type: 'find', step: ARROWS[event.key][1] });
   }, true);
-  document.body.addEventListener('keydown', (event) => {  // viser would turn the map, too, while a slider is moved
-    if (ARROWS[event.key] && event.target.closest && event.target.closest(TAKES_ARROWS)) event.stopPropagation();
+  const TAKES_SPACE = 'button, summary, [role=tab], [role=button]';
+  document.body.addEventListener('keydown', (event) => {  // viser would turn the map, too, while a slider is moved, or play
+    const takes = ARROWS[event.key] ? TAKES_ARROWS : event.key === ' ' ? TAKES_SPACE : '';
+    if (takes && event.target.closest && event.target.closest(takes)) event.stopPropagation();
   });
   window.addEventListener('keydown', (event) => {
     const step = ARROWS[event.key], viser = window.__viserMutable;
