@@ -8,7 +8,7 @@ the same segment named both ends of more than half of the pairs of their cells t
 `explain` and `between` collect the evidence; the functions at the end put it into words.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,12 +19,14 @@ from simaps_viz.colors.classes import plural
 from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.partition import applied_steps
 from simaps_viz.mapping.simap import joining_threshold
-from simaps_viz.structures import CellGraph, Instance, SIMap
+from simaps_viz.structures import SURE_SCORE, CellGraph, Instance, SIMap
 
 FEW = 30
 """Fewer sightings than this are moved by the imagined ones that evidence begins with, see `PoolSettings`."""
 NEIGHBOUR_M = 1.0
 """Objects of one class no farther apart than this are neighbours, whether or not any frame saw both."""
+PIECE = 0.05
+"""A part with a smaller share of the object is a piece: the weakest joint is one of larger parts, if there are any."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +130,8 @@ class Why:
     joints: tuple[Joint, ...]
     """The steps of the merge log that made the instance, in order."""
     weakest: Joint | None
-    """The joint of the lowest score (ties: the last); None when it is a single community."""
+    """The joint of the lowest score (ties: the last) that is larger than a `PIECE`, if there is one, else the one with
+    the largest piece; None when it is a single community."""
     together: Together
     """The frames that saw both parts of the weakest joint."""
     neighbours: tuple[Link, ...]
@@ -167,7 +170,7 @@ def explain(simap: SIMap, instance_id: int) -> Why:
     community = simap.community.reshape(-1)[cells]
     graph = _graph_of(simap, cells)
     joints = _joints(simap, cells, community, graph)
-    weakest = min(reversed(joints), key=lambda joint: joint.score, default=None)
+    weakest = weakest_of(joints, len(cells))
     together = Together((), ())
     if weakest is not None:
         together = seen_together(simap, weakest.source, weakest.target)
@@ -184,6 +187,19 @@ def explain(simap: SIMap, instance_id: int) -> Why:
         neighbours=_neighbours(simap, instance, cells, graph),
         frames=source_frames(simap, community),
     )
+
+
+def weakest_of(joints: Sequence[Joint], cells: int) -> Joint | None:
+    """Return the weakest joint of an object of so many cells, see `Why.weakest`."""
+    large = [joint for joint in joints if _smaller(joint) >= PIECE * cells]
+    if large:
+        return min(reversed(large), key=lambda joint: joint.score)
+    return max(joints, key=_smaller, default=None)
+
+
+def _smaller(joint: Joint) -> int:
+    """Return the number of cells of the smaller part."""
+    return min(joint.source_cells, joint.target_cells)
 
 
 def between(simap: SIMap, first_id: int, second_id: int) -> Between:
@@ -483,7 +499,7 @@ def needed_text(method: str, threshold: float) -> str:
 
 
 def summary(why: Why, *, by_hand: bool = False) -> str:
-    """Explain in two sentences why an instance is one object.
+    """Explain why an instance is one object, what decided first, and why it has its class.
 
     Args:
         why: the evidence.
@@ -491,7 +507,15 @@ def summary(why: Why, *, by_hand: bool = False) -> str:
     """
     if by_hand:
         return f"One object because people made it so by hand, see below. {_seen_as_one(why)}"
-    return f"{_one_object(why)} {_weakest(why)}"
+    return " ".join(filter(None, [_one_object(why), _class_of(why.instance), _weakest(why)]))
+
+
+def _class_of(one: Instance) -> str:
+    """Return the sentence why an instance has its class."""
+    if one.frames == 0:
+        return ""
+    sure = f"{'only ' if one.score < SURE_SCORE else ''}{100.0 * one.score:.0f} % sure on average"
+    return f"Class {one.label} because the masks of {plural(one.frames, 'frame')} say so, {sure}."
 
 
 def joint_words(why: Why, joint: Joint) -> str:
@@ -510,7 +534,8 @@ def together_words(together: Together) -> str:
         return f"seen together in 1 frame, as {'one' if one else 'two'}"
     if one == 0 or two == 0:
         return f"seen together in {one + two} frames, each time as {'one' if one else 'two'}"
-    return f"seen together in {one + two} frames: as two in {two}, as one in {one}"
+    first, then = sorted(((one, "one"), (two, "two")), key=lambda side: -side[0])
+    return f"seen together in {one + two} frames: as {first[1]} in {first[0]}, as {then[1]} in {then[0]}"
 
 
 def link_words(method: str, threshold: float, link: Link) -> str:
@@ -525,10 +550,11 @@ def link_words(method: str, threshold: float, link: Link) -> str:
         share = f"{score_text(method, link.score)} of the cells of one neighbour the other"
         return f"{seen}; {share}, {_below(method, threshold, link)}"
     if link.same + link.different == 0 and not link.touching:
-        why = "no pair of their cells was compared (too far apart, or open floor between)"
+        why = "too far apart to compare their cells, or open floor between"
         compared = "nothing speaks for one" if len(link.together) == 0 else why
-        return f"{seen}; {compared} → {score_text(method, link.score)}, {_below(method, threshold, link)}"
-    return f"{seen}; by pairs of their cells {score_text(method, link.score)}, {_below(method, threshold, link)}"
+        return f"{compared}; {seen}"
+    score = score_text(method, link.score)
+    return f"{score} of what frames saw of their cells says one object, {_below(method, threshold, link)}; {seen}"
 
 
 def between_words(found: Between, first: str, second: str) -> str:
@@ -556,19 +582,19 @@ def _one_object(why: Why) -> str:
     if seen == 0:
         return "One object because its cells belong together; no frame is known to have named it."
     if as_one == 0:
-        return f"One object although none of the {plural(seen, 'frame')} that saw it saw it as one segment."
+        return f"One object although none of the {plural(seen, 'frame')} that saw it shows it as one."
     which = f"{as_one} of the {seen} frames"
     if as_one == seen:
         which = "the 1 frame" if seen == 1 else f"all {seen} frames"
     reason = "because" if 2 * as_one > seen else "although only"
-    return f"One object {reason} {which} that saw it saw most of it as one segment."
+    return f"One object {reason} {which} that saw it {'shows' if which == 'the 1 frame' else 'show'} it as one."
 
 
 def _seen_as_one(why: Why) -> str:
     seen, as_one = len(why.frames), sum(frame.as_one for frame in why.frames)
     if seen == 0:
         return "No frame is known to have named it."
-    return f"Of the {plural(seen, 'frame')} that saw it, {as_one or 'none'} saw most of it as one segment."
+    return f"Of the {plural(seen, 'frame')} that saw it, {as_one or 'none'} show it as one."
 
 
 def _weakest(why: Why) -> str:
@@ -577,8 +603,11 @@ def _weakest(why: Why) -> str:
     if why.weakest is None:
         return "It is a single patch that was never joined from parts."
     weakest, method = why.weakest, why.method
+    if _smaller(weakest) < PIECE * len(why.cells):
+        return f"Nearly all of it is one patch; only pieces of at most {plural(_smaller(weakest), 'cell')} joined it."
+    says = "" if method_of(method).weights_per_frame else " for one object"
     text = f"Its weakest joint ({weakest.target_cells} + {plural(weakest.source_cells, 'cell')}) has "
-    text += f"{score_text(method, weakest.score)}, above the {needed_text(method, why.threshold)} needed: "
+    text += f"{score_text(method, weakest.score)}{says}, above the {needed_text(method, why.threshold)} needed: "
     if len(why.together) == 0:
         alone = "" if method_of(method).weights_per_frame else f", which counts as {score_text(method, weakest.score)}"
         return f"{text}no frame saw both parts, but they touch{alone}."
@@ -589,8 +618,8 @@ def _pooled(method: str, evidence: Joint | Link) -> str:
     """Return the sentence with the sightings that a score comes from; frames count by the pairs of cells they saw."""
     if method_of(method).weights_per_frame or evidence.same + evidence.different == 0:
         return ""
-    few = " Imagined ones are added, so that few do not decide." if evidence.same + evidence.different < FEW else ""
-    return f" Pooled over all pairs of their cells: {_sightings(evidence.same, evidence.different)}.{few}"
+    few = " So few count only in part." if evidence.same + evidence.different < FEW else ""
+    return f" Cell by cell: {_sightings(evidence.same, evidence.different)}.{few}"
 
 
 def _below(method: str, threshold: float, link: Link) -> str:
@@ -600,4 +629,4 @@ def _below(method: str, threshold: float, link: Link) -> str:
 
 
 def _sightings(same: int, different: int) -> str:
-    return f"{same:,} sightings as one, {different:,} as two"
+    return f"{same:,} {'sighting' if same == 1 else 'sightings'} as one, {different:,} as two"

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 from browser import PIXELS, free_port, mine, on_canvas, open_workbench, toy_services, until, watched_page
+from playwright.sync_api import expect
 from toy_maps import TOY_POSE
 from toy_surfaces import BROWN, PLANT, toy_with_surface
 
-from simaps_viz.viewer.panels.map import MapPanel
+from simaps_viz.viewer.panels.map import MapPanel, hint_text
 from simaps_viz.viewer.workbench import Workbench
 
 NODES = "() => Object.keys(window.__viserMutable.nodeRefFromName).filter((name) => name.startsWith('/surface/')).length"
@@ -33,6 +34,10 @@ def test_the_room_is_seen_as_it_looked_and_its_tables_can_be_lifted_off(browser,
             return np.array(page.evaluate(PIXELS, [spot])[0])
 
         until(page, lambda: np.abs(color(z) - BROWN).max() <= 16)
+        page.mouse.move(*on_canvas(bench, page, x, y, session, z))  # its name, as from above
+        expect(page.locator(".simaps-hint")).to_have_text(hint_text(table, session.simap.spec.cell_size_m))
+        page.mouse.move(1, 1)
+        expect(page.locator(".simaps-hint")).to_be_hidden()
         page.mouse.click(*on_canvas(bench, page, x, y, session, z))
         until(page, lambda: session.selected == table.id)
         session.select(None)

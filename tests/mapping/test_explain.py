@@ -21,6 +21,7 @@ from simaps_viz.mapping.explain import (
     link_words,
     recorded_step,
     summary,
+    weakest_of,
 )
 from simaps_viz.mapping.partition import applied_steps
 from simaps_viz.recorder.map_log import merge_order
@@ -82,7 +83,8 @@ def test_what_is_of_one_piece_has_no_joint():
     why = explain(toy_map(), COUCH)
     assert why.joints == () and why.weakest is None and len(why.together) == 0 and why.neighbours == ()
     assert summary(why) == (
-        "One object because all 4 frames that saw it saw most of it as one segment. "
+        "One object because all 4 frames that saw it show it as one. "
+        "Class couch because the masks of 4 frames say so, 75 % sure on average. "
         "It is a single patch that was never joined from parts."
     )
     with pytest.raises(InputError, match="instance 99"):
@@ -92,7 +94,8 @@ def test_what_is_of_one_piece_has_no_joint():
 def test_words_on_the_toy_map():
     simap = toy_map()
     assert summary(explain(simap, CHAIR_1)) == (
-        "One object although only 2 of the 5 frames that saw it saw most of it as one segment. Its weakest joint "
+        "One object although only 2 of the 5 frames that saw it show it as one. "
+        "Class chair because the masks of 5 frames say so, 71 % sure on average. Its weakest joint "
         "(32 + 32 cells) has 25.0 %, above the K = 5 % needed: seen together in 3 frames, each time as two."
     )
     found = between(simap, CHAIR_1, CHAIR_3)
@@ -104,6 +107,15 @@ def test_words_on_the_toy_map():
     assert apart.link is None
     assert between_words(apart, "a", "b").startswith("a and b are of different classes, and the map joins cells of one")
     assert "no cell of one neighbours a cell of the other" in between_words(between(simap, CHAIR_3, CHAIR_4), "a", "b")
+
+
+def test_the_weakest_joint_is_one_of_large_parts_if_there_are_any():
+    (whole,) = explain(toy_map(), CHAIR_1).joints
+    crumb, crust, half = (replace(whole, source_cells=n, score=s) for n, s in ((1, 0.61), (2, 0.7), (20, 0.8)))
+    assert weakest_of((crumb, half, crust), 64) is half
+    assert weakest_of((crumb, crust), 64) is crust and weakest_of((), 64) is None
+    why = replace(explain(toy_map(), CHAIR_1), weakest=crust)
+    assert summary(why).endswith(" Nearly all of it is one patch; only pieces of at most 2 cells joined it.")
 
 
 LOOKS = ("ccccc.cc", "ccccc.cc", "aaabb.bb", "aaabb.bb", "aaabb.dd", "?????.cc")
@@ -130,17 +142,17 @@ def test_sightings_of_a_drawn_row_are_counted_by_hand(row):
     assert (link.same, link.different, link.touching, link.distance_m) == (10, 15, True, 0.0)
     assert link.score == pytest.approx((10 + 2.1) / 28)
     assert summary(why) == (
-        "One object because 5 of the 6 frames that saw it saw most of it as one segment. Its weakest joint "
-        "(2 + 2 cells) has 62 %, above the 60 % needed: seen together in 5 frames: as two in 1, as one in 4. "
-        "Pooled over all pairs of their cells: 8 sightings as one, 2 as two. "
-        "Imagined ones are added, so that few do not decide."
+        "One object because 5 of the 6 frames that saw it show it as one. "
+        "Class chair because the masks of 6 frames say so, 100 % sure on average. Its weakest joint "
+        "(2 + 2 cells) has 62 % for one object, above the 60 % needed: seen together in 5 frames: as one in 4, as two "
+        "in 1. Cell by cell: 8 sightings as one, 2 as two. So few count only in part."
     )
     assert between_words(between(row, 1, 2), "chair 1", "chair 2") == (
-        "chair 1 and chair 2 touch: seen together in 5 frames: as two in 3, as one in 2; by pairs of their cells 43 %, "
-        "below the 60 % needed. Pooled over all pairs of their cells: 10 sightings as one, 15 as two. "
-        "Imagined ones are added, so that few do not decide."
+        "chair 1 and chair 2 touch: 43 % of what frames saw of their cells says one object, below the 60 % needed; "
+        "seen together in 5 frames: as two in 3, as one in 2. Cell by cell: 10 sightings as one, 15 as two. "
+        "So few count only in part."
     )
-    assert "43 %, just above the 43 % needed." in between_words(replace(between(row, 1, 2), threshold=0.43), "a", "b")
+    assert "just above the 43 % needed;" in between_words(replace(between(row, 1, 2), threshold=0.43), "a", "b")
 
 
 def owners(simap: SIMap) -> np.ndarray:

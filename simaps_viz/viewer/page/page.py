@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import viser
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from simaps_viz.colors.instances import take_over
 from simaps_viz.drawing.surface import instance_near, place_of, ray_on_blocks, ray_on_floor
@@ -286,6 +286,14 @@ class Page:
             self._show_selected(found)
         if found is not None:
             self.reveal(SELECTED_TAB, only_from=MAP_TABS)
+
+    def under_ray(self, origin: ArrayLike, direction: ArrayLike) -> Instance | None:
+        """Return what a click would select in the 3-D view."""
+        hit = self.scene.point_hit(origin, direction)
+        if hit is not None:
+            return self._instance_near((float(hit[0]), float(hit[1]), float(hit[2])))
+        position = ray_on_blocks(self.simap, origin, direction)
+        return None if position is None else self.simap.at(*aimed_at(self.simap, position))
 
     def _instance_near(self, place: tuple[float, float, float]) -> Instance | None:
         number = instance_near(self.simap, place) if has_voxels(self.simap) else None

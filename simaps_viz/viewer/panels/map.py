@@ -55,7 +55,7 @@ DOUBTFUL_HINT = "What has less is doubtful: faint and not counted. Commands and 
 MapState = tuple[ColorMode, int, str | None, bool, tuple[int, float, int], Cut | None]
 GROUND_ID = 1 << 23
 """Ids of objects are less, in what the page's script is sent."""
-ABOUT = "What a camera with depth saw. Point at a thing in the top view to see its name, click or tap it to ask why."
+ABOUT = "What a camera with depth saw. Point at a thing to see its name, click or tap it to ask why."
 LEGEND_STYLE = "border-block:1px solid rgba(128,128,128,.25);margin-bottom:.4em"
 """Inline style of the legend."""
 
@@ -582,12 +582,12 @@ MAX_NAMED = 3000
 
 
 class NamesPanel(Panel):
-    """Two hidden pieces of HTML that ``map.js`` reads; nothing of the panel is seen."""
+    """Three hidden pieces of HTML that ``map.js`` reads; nothing of the panel is seen."""
 
     def __init__(self, page: Page) -> None:
         """Fill the open container."""
         self._page = page
-        self._objects, self._state = page.gui.add_html(""), page.gui.add_html("")
+        self._objects, self._state, self._under = (page.gui.add_html("") for _ in range(3))
         self._shown: SIMap | None = None
         self._show_state()
 
@@ -612,16 +612,26 @@ class NamesPanel(Panel):
         self._show_state()
 
     def told(self, event: dict[str, Any]) -> None:
-        """Turn the view to the north, and back to the whole map; select nothing, or that whose name was clicked."""
+        """Turn the view to the north; select nothing, or that whose name was clicked; name what a ray in 3-D meets."""
         if event.get("type") == "north":
             self._page.look(self._page.viewpoints.name)
         elif event.get("type") == "deselect":
             self._page.select(None)
+        elif event.get("type") == "under":
+            ray = event.get("ray")
+            if isinstance(ray, list) and len(ray) == 6 and all(map(_is_length, ray)):
+                self._page.worker.submit("under", lambda: self._name_under(event.get("number"), ray))
         elif event.get("type") == "named":
             number, place = event.get("id"), (event.get("x"), event.get("y"))
-            sound = all(isinstance(at, int | float) and abs(at) < MAX_AWAY_M for at in place)
-            if sound and any(one.id == number for one in all_instances(self._page.simap)):
+            if all(map(_is_length, place)) and any(one.id == number for one in all_instances(self._page.simap)):
                 self._page.click_name(cast(int, number), cast(tuple[float, float], place))
+
+    def _name_under(self, number: Any, ray: list[float]) -> None:
+        """Send what is where the pointer rests in the 3-D view, with the number of that rest."""
+        one, told = self._page.under_ray(ray[:3], ray[3:]) if any(ray[3:]) else None, {}
+        if one is not None:
+            told = {"number": number, "id": one.id, "facts": hint_text(one, self._page.simap.spec.cell_size_m)}
+        self._under.content = f'<div class="simaps-under" hidden data-under="{escape(json.dumps(told))}"></div>'
 
     def _show_state(self) -> None:
         page, only, faded = self._page, None, ()
@@ -635,6 +645,11 @@ class NamesPanel(Panel):
         content = f'<div class="simaps-state" hidden data-state="{escape(json.dumps(state))}"></div>'
         if self._state.content != content:
             self._state.content = content
+
+
+def _is_length(value: Any) -> bool:
+    """Whether what was told is a number of metres, and no absurd one."""
+    return isinstance(value, int | float) and abs(value) < MAX_AWAY_M
 
 
 def hint_text(one: Instance, cell_m: float) -> str:

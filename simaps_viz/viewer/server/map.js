@@ -287,6 +287,38 @@
   }, true);
   document.documentElement.addEventListener('pointerleave', () => { pointer = null; changed = true; });
   const factsOf = (one) => one.facts + ((state.doubtful || []).includes(one.id) ? ' · doubtful' : '');
+  const say = (said, x, y) => {  // beside the pointer
+    hint.hidden = !said;
+    if (!said) return;
+    const wide = widthOf(said) + 14;
+    if (hint.textContent !== said) hint.textContent = said;
+    hint.style.transform = `translate(${Math.min(x + 14, width - wide - 4)}px, ${y > 44 ? y - 34 : y + 22}px)`;
+  };
+  // In 3-D the page is asked what a click would take, once the pointer rests; the answer holds until it moves.
+  const REST_MS = 120;
+  let rest = 0, restSince = 0, restAt = '', underSent = null, underRay = {};
+  const readUnder = () => {
+    const one = document.querySelector('.simaps-under');
+    if (one === underSent) return;
+    underSent = one;
+    underRay = one ? JSON.parse(one.dataset.under) : {};
+  };
+  const sayInSpace = (viser, canvas, view) => {
+    const now = pointer && !pressed ? `${pointer}|${view}` : '';
+    if (now !== restAt) { restAt = now; restSince = Date.now(); rest = -Math.abs(rest) - 1; }
+    const box = canvas.getBoundingClientRect(), [x, y] = now ? [pointer[0] - box.left, pointer[1] - box.top] : [0, 0];
+    if (now && rest < 0 && Date.now() - restSince > REST_MS) {
+      rest = -rest;
+      const back = viser.camera.projectionMatrix.clone().multiply(viser.camera.matrixWorldInverse).multiply(viser.nodeRefFromName['/map'].matrixWorld).invert().elements;
+      const end = (z) => {
+        const [a, b] = [2 * x / width - 1, 1 - 2 * y / height], [p, q, r, w] = [0, 1, 2, 3].map((i) => back[i] * a + back[4 + i] * b + back[8 + i] * z + back[12 + i]);
+        return [p / w + state.middle[0], q / w + state.middle[1], r / w];
+      };
+      const [from, to] = [end(-1), end(1)];
+      tell({ type: 'under', number: rest, ray: [...from, ...to.map((one, i) => one - from[i])] });
+    }
+    say(now && rest > 0 && underRay.number === rest ? factsOf(underRay) : '', x, y);
+  };
   let drawn = false;
   const draw = (context, one, thin) => {
     drawn = true;
@@ -348,20 +380,16 @@
     if (drawing.width !== w || drawing.height !== h) { drawing.width = w; drawing.height = h; }
     else context.clearRect(0, 0, w, h);
     drawn = false;
-    let under = null, said = '', name = 0;
+    let under = null, said = '', name = 0, spot = [0, 0];
     if (map && pointer && !pressed) {
       const box = canvas.getBoundingClientRect(), [x, y] = [pointer[0] - box.left, pointer[1] - box.top];
       name = named(x, y);
       const cell = cellAt(toScreen, x, y), robot = robotAt(), near = robot && Math.hypot(robot[0] - x, robot[1] - y) < ROBOT_PX;
       under = near ? null : map.objects.get(name || aimedAt(...cell));
       said = near ? ROBOT : under ? factsOf(under) : map.groundAt(...cell);
-      if (said) {
-        const wide = widthOf(said) + 14;
-        if (hint.textContent !== said) hint.textContent = said;
-        hint.style.transform = `translate(${Math.min(x + 14, width - wide - 4)}px, ${y > 44 ? y - 34 : y + 22}px)`;
-      }
+      spot = [x, y];
     }
-    hint.hidden = !said;
+    say(said, ...spot);
     writeAll(plain ? 'simaps-name' : 'simaps-name simaps-pale', name ? null : under);
     if (map && texts.some(([, text]) => text.startsWith('▶'))) {  // the ranks of others; the map itself outlines the target
       for (const [kind, text, ...label] of texts) {
@@ -526,6 +554,7 @@
     const plain = !marked(viser), bare = !toScreen || isCovered, top = state.view === TOP;
     const turned = top && !bare ? headed() : '';
     const now = `${turned}|${toScreen}|${width}|${height}|${plain}|${bare}|${top}`;
+    if (toScreen && !bare && !top) { readUnder(); sayInSpace(viser, canvas, now); }
     if (now === before && !changed) return;
     before = now;
     changed = false;
@@ -542,7 +571,7 @@
     if (!scale.hidden) drawScale();
     drawing.hidden = bare || !top;
     names.hidden = !toScreen;
-    hint.hidden = true;
+    if (bare || !toScreen) hint.hidden = true;
     if (!toScreen) return;
     if (bare) writeAll('', null);
     else if (top) drawOver(canvas, plain);
