@@ -154,7 +154,7 @@ def test_a_moved_slider_says_what_it_changed_and_one_button_shows_before(monkeyp
         cut = session.simap
         changes, _ = changes_between(whole, cut)
         said = change_text(whole.counts(), cut.counts(), changes, 0)
-        assert f"Now: K 30 %: {said}<" in panel._change.content
+        assert f"Now: K 30 %, instead of K 5 % as it came: {said}<" in panel._change.content
         assert drawn[-1] == (cut, tuple(one for change in changes for one in change.after))
         # One after the other, the largest first, and around.
         assert panel._step.visible and panel._step.label == f"Show each of {len(changes)} changes"
@@ -187,42 +187,24 @@ def test_a_moved_slider_says_what_it_changed_and_one_button_shows_before(monkeyp
         assert session.wait_idle() and not panel._change.visible and drawn[-1][1] == ()
 
 
-def test_a_drag_that_stops_on_the_way_is_compared_with_the_map_where_it_began(monkeypatch):
-    monkeypatch.setattr(map_panel, "DRAG_S", PATIENCE_S)  # however slow the machine is
+def test_moved_again_and_again_it_is_compared_with_the_map_as_it_came():
     with opened() as (_, page):
         session, panel = page.session, page.session.panels[MapPanel]
         whole = session.simap
-        for k in (12.0, 30.0):  # as a slider reports a drag
+        for k in (12.0, 30.0, 60.0, 30.0):
             panel.set_sliders(k, 1.0)
             panel._cut()
             assert session.wait_idle()
-        assert "K 30 %: 4 chairs (3 before)" in panel._change.content and panel._was is not None
-        assert panel._was[0] is whole and panel._was[1].percent == 5.0
-        panel._moved_s -= 2 * PATIENCE_S  # a pause: what is moved now is compared with what is shown
-        panel.set_sliders(60.0, 1.0)
+            assert panel._was is not None and panel._was[0] is whole and panel._was[1].percent == 5.0
+        assert "K 30 %, instead of K 5 % as it came: 4 chairs (3 before)" in panel._change.content
+        panel.peek()
+        assert session.wait_idle()
+        panel.set_sliders(60.0, 1.0)  # moved while the map before is looked at
         panel._cut()
-        assert session.wait_idle() and panel._was[1].percent == 30.0
-        panel.set_sliders(30.0, 1.0)  # back where that drag began: nothing has changed
+        assert session.wait_idle() and panel._was[0] is whole and "Now: K 60 %" in panel._change.content
+        panel.set_sliders(5.0, 1.0)  # back where it was: nothing has changed
         panel._cut()
         assert session.wait_idle() and not panel._change.visible and not panel._peek.visible
-
-
-def test_a_drag_goes_on_while_its_map_is_cut_however_long_that_takes(monkeypatch):
-    monkeypatch.setattr(map_panel, "DRAG_S", PATIENCE_S)
-    with opened() as (_, page):
-        session, panel = page.session, page.session.panels[MapPanel]
-        whole, painted = session.simap, panel.painted
-
-        def late(simap, snapshot):
-            panel._moved_s -= 2 * PATIENCE_S  # it was moved so long ago
-            painted(simap, snapshot)
-
-        monkeypatch.setattr(panel, "painted", late)
-        for k in (12.0, 30.0, 60.0):
-            panel.set_sliders(k, 1.0)
-            panel._cut()
-            assert session.wait_idle()
-        assert panel._was is not None and panel._was[0] is whole
 
 
 def test_neighbours_are_outlined_each_for_itself():

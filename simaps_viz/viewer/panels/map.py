@@ -4,7 +4,6 @@ import base64
 import functools
 import json
 import threading
-import time
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from html import escape
@@ -37,14 +36,12 @@ from simaps_viz.viewer.scene.map_scene import FULL_HEIGHT_M, Style
 EVERY_CLASS = "all classes"
 FINISH = "Show the finished map"
 BEFORE = "Before and after"
-BEFORE_HINT = "The map as it was before the slider was moved, and as it is."
+BEFORE_HINT = "The map as it came, before the sliders were moved, and as it is."
 STEP_HINT = "Go to what the slider changed, one after the other; the north arrow shows the whole map."
 MAX_MOVED, MAX_CHANGES, OUTLINED_S = 3, 8, 6.0
 """Classes and changes that are named beside a moved slider, and for how long what changed is outlined."""
 _KINDS = {"missed": "gone", "extra": "new"}
 """What a comparison calls otherwise, as one of its maps is the truth."""
-DRAG_S = 1.5
-"""A slider that was at rest for so long is moved anew."""
 MODE_HINT = "What a colour on the map means; the legend follows."
 TINT_HINT = "How much of the objects' colours lies over the photo."
 CUT_HINT = "Leave out everything above, as if the roof and then the tables were lifted off."
@@ -76,8 +73,6 @@ class MapPanel(Panel):
     _in_space = False
     _changed: tuple[Change, ...] = ()
     """What a moved slider changed, the largest first."""
-    _held = False
-    """Whether a slider's thumb is held."""
     _said = ""
     """What is counted on the map."""
     _looked = 0
@@ -132,11 +127,11 @@ class MapPanel(Panel):
         self._change = gui.add_html("", visible=False)
         self._legend = gui.add_html("")
         self._was: tuple[SIMap, Cut] | None = None
-        """The map before the sliders were moved, and how it was cut; while that is looked at, the one after."""
+        """The map as it came, before any slider was moved, and its cut; while that is looked at, the one after."""
         self._peeking = False
         """Whether the map before is looked at."""
-        self._from, self._moved_s = (simap, own), -np.inf
-        """The same where the drag of a slider began that goes on, and when it was last moved."""
+        self._from = simap, own
+        """What the next map that is shown is compared with."""
         self._shown, self._shown_cut = simap, own
         self._clearing: threading.Timer | None = None
         # What is painted.
@@ -175,7 +170,8 @@ class MapPanel(Panel):
 
     def base_changed(self, base: SIMap) -> None:
         """Set the sliders to the cut of the page."""
-        self._was, self._shown_cut, self._peeking = None, self._page.cut, False
+        self._was, self._from = None, (base, cut_of(base))
+        self._shown_cut, self._peeking = self._page.cut, False
         joining = slider_of(base)
         self._origin.content = origin_html(base)
         self._k.label, self._k.hint = joining.title, joining.hint
@@ -213,11 +209,11 @@ class MapPanel(Panel):
             self._mode.options = color_modes(simap)
 
     def peek(self) -> None:
-        """Show the map as it was before the sliders were moved; called again, as it is after."""
+        """Show the map as it came, before the sliders were moved; called again, as it is after."""
         if self._was is not None:
-            cut = self._was[1]
+            cut, after = self._was[1], (self._shown, self._shown_cut)
             self.set_sliders(cut.percent, cut.resolution)
-            self._cut(drag=False, peeking=not self._peeking)
+            self._cut(after=None if self._peeking else after)
 
     def _describe_change(self) -> None:
         was, now = self._was, self._shown
@@ -230,7 +226,8 @@ class MapPanel(Panel):
         changes, edges = changes_between(before, after)
         at = f"{'Before' if self._peeking else 'Now'}: {cut_text(now, self._shown_cut, was[1])}"
         said = change_text(self._counted(before), self._counted(after), changes, len(edges))
-        said = f"{at}. After, {cut_text(now, was[1], self._shown_cut)}: {said}" if self._peeking else f"{at}: {said}"
+        other = cut_text(now, was[1], self._shown_cut)
+        said = f"{at}. After, {other}: {said}" if self._peeking else f"{at}, instead of {other} as it came: {said}"
         self._change.content = f'<div class="simaps-change" data-shown="{escape(at)}">{_line(said)}</div>'
         found = changes or edges
         same = [one.text for one in found] == [one.text for one in self._changed]
@@ -338,9 +335,7 @@ class MapPanel(Panel):
         return {label: n for label, (n, _) in counts_of(simap, self.doubtful(simap)).items() if n}
 
     def told(self, event: dict[str, Any]) -> None:
-        """Show a class of the legend alone, or all again; or fade it, or show it again; take or let go a slider."""
-        if event.get("type") == "drag":
-            self._hold(event.get("on") is True)
+        """Show a class of the legend alone, or all again; or fade it, or show it again."""
         name = event.get("name")
         if event.get("type") != "class" or name not in self._class.options:
             return
@@ -351,17 +346,8 @@ class MapPanel(Panel):
         else:
             self._class.value = EVERY_CLASS if name == self._class.value else name
 
-    def _hold(self, held: bool) -> None:
-        """Note that a slider is held, however long: what it changes is compared with where its drag began."""
-        now = time.monotonic()
-        if held and now - self._moved_s > DRAG_S:  # otherwise its first move came before this
-            self._from = self._shown, self._shown_cut
-        self._held, self._moved_s = held, now
-
     def painted(self, simap: SIMap, snapshot: Snapshot) -> None:
         """Describe the painted map, with a badge unless it is the finished one."""
-        if self._busy and self._moved_s > -np.inf:
-            self._moved_s = time.monotonic()  # a slider is at rest once what it did is there, however long that took
         self._busy = False
         doubtful = frozenset() if snapshot.badge else self.doubtful(simap)
         self._said, self._counts.content = counts_text(simap, doubtful=doubtful), counts_html(simap, doubtful)
@@ -418,14 +404,12 @@ class MapPanel(Panel):
         """Go back to the K and resolution the map came with."""
         own = cut_of(self._page.base)
         self.set_sliders(own.percent, own.resolution)
-        self._cut(drag=False)
+        self._cut()
 
-    def _cut(self, *, drag: bool = True, peeking: bool = False) -> None:
-        """Cut the map anew; ``drag`` counts moves that follow at once as one."""
-        now, self._peeking = time.monotonic(), peeking
-        if not drag or (not self._held and now - self._moved_s > DRAG_S):
-            self._from = self._shown, self._shown_cut
-        self._moved_s = now if drag else -np.inf
+    def _cut(self, after: tuple[SIMap, Cut] | None = None) -> None:
+        """Cut the map anew; ``after``: only to look at it as it came, instead of that."""
+        self._peeking = after is not None
+        self._from = after or (self._page.base, cut_of(self._page.base))
         if not self._busy:
             self._busy, self._counts_before = True, str(self._counts.content)
             self._counts.content = _line("Cutting the map anew; until then all shows the map before …", over=self._said)

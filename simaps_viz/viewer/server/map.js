@@ -414,11 +414,6 @@
     if (square) event.target.title = factsOf(square);
     if (label !== pointed || chosen !== square) { pointed = label; chosen = square; changed = true; }
   };
-  let heldSlider = false;  // what a slider changes is compared with where its drag began, however long it is held
-  for (const kind of ['pointerdown', 'pointerup', 'pointercancel']) window.addEventListener(kind, (event) => {
-    const on = kind === 'pointerdown' && Boolean(event.target.closest && event.target.closest('.mantine-Slider-root'));
-    if (on !== heldSlider) tell({ type: 'drag', on: heldSlider = on });
-  }, true);
   window.addEventListener('pointerover', point, true);
   window.addEventListener('focusin', point, true);
   window.addEventListener('click', (event) => {
