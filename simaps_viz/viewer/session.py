@@ -158,8 +158,8 @@ class Layout:
         self._page.is_phone = isinstance(page_px, int | float) and page_px < PHONE_PX
 
     def unfold_recording(self) -> None:
-        """Show the recorded build beside the map, but for a phone, which has no room for both."""
-        if self._recording is not None and not self._page.is_phone:
+        """Show the recorded build beside the map."""
+        if self._recording is not None:
             self._recording.expand()
 
     def open_tab(self, title: str, only_from: str, focus: str) -> None:

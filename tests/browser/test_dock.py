@@ -387,5 +387,9 @@ def test_on_a_phone_it_opens_in_sight_and_a_finger_still_finds_the_page(opened, 
         page.get_by_role("tab", name="Map", exact=True).tap()
         expect(page.get_by_label("Colours").and_(page.locator("input"))).to_be_visible()
         expect(header).to_have_attribute("aria-expanded", "false")  # the map has its place again
+        mine(opened.bench).unfold_recording()  # as Show frame does
+        expect(header).to_have_attribute("aria-expanded", "true")
+        page.get_by_role("tab", name="Build", exact=True).tap()
+        expect(header).to_have_attribute("aria-expanded", "false")
         until(page, lambda: box(top)["y"] > 860 - 387)
     until(opened.page, lambda: len(opened.bench.sessions) == 1)
