@@ -26,10 +26,7 @@ from simaps_viz.viewer.panels.command import CommandPanel
 from simaps_viz.viewer.panels.map import FINISH, doubtful_on
 
 FIND = "Find"
-FIND_HINT = (
-    "A class, a name, or the number of an object, such as: chair, chair 18, 18; or what it is for or "
-    "looks like, such as: somewhere to sit. Enter goes there, Enter again to the next. A command goes to the robot."
-)
+FIND_HINT = "A class, a name, or what a thing is for: chair, chair 18, somewhere to sit. Or a command."
 MAX_RANKS = 5
 """Objects that free words find."""
 _TYPED = re.compile(r"(?P<name>.*?)\s*#?(?P<number>\d{1,9})?(?:\s+of\s+\d+)?")
