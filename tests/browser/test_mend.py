@@ -119,7 +119,7 @@ def joins(bench, page, mending):
     selected(page, "chair 3")  # what was joined is selected
     expect(page.locator("ol").get_by_text("joined chair 3 and chair 4")).to_be_visible()
     press(page, "Instance", role="tab")
-    expect(page.get_by_text(f"{BY_HAND}, see below. Of the 5 frames that saw it, 2 saw")).to_be_visible()
+    expect(page.get_by_text(f"{BY_HAND}, see below. Of the 5 frames that saw it, 2 show")).to_be_visible()
     expect(page.get_by_text(MACHINE)).to_have_count(0)
     when = mending.log.entries[-1].when
     line = f"joined chair 3 and chair 4, by Ann, {when[:10]} {when[11:16]} UTC"
