@@ -331,6 +331,8 @@ class _Coloring:
 
     def _put(self, one: int, place: int) -> None:
         before = self._chosen[one]
+        if place == before:
+            return
         change = _CLOSENESS[place] - (_CLOSENESS[before] if before >= 0 else 0)
         self._cost[self._others[one]] += self._weights[one][:, None] * change  # no id is twice among the others
         self._chosen[one] = place
@@ -374,8 +376,8 @@ class _Coloring:
 
 def _first_cheapest(cost: NDArray, start: int) -> int:
     """Return the place of the lowest cost, the first from ``start`` on, going around."""
-    around = np.roll(np.arange(len(cost)), -start)
-    return int(around[np.argmin(cost[around])])
+    later, sooner = start + int(cost[start:].argmin()), int(cost[: start + 1].argmin())
+    return sooner if cost[sooner] < cost[later] else later
 
 
 def _places_before(simap: SIMap, before: SIMap, first: int | None) -> NDArray | None:
