@@ -10,6 +10,8 @@ WORKERS ?= 4
 IN_WORKERS = -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 # What is imported, and rewritten by pytest, is kept from run to run, also where the environment forbids it.
 test test-fast: export PYTHONDONTWRITEBYTECODE :=
+# Workers share the processors already: threads of linear algebra would only wait for one another, busily.
+test test-fast: export OPENBLAS_NUM_THREADS := 1
 
 .PHONY: demo demo-live test test-fast check format bench paper recordings screenshots docs dist test-pythons clean chromium
 

@@ -33,6 +33,8 @@ BIN_M = 0.02
 FLOOR_SHARE = 0.17
 """Seen area that a plane needs to be the floor, as a share of the largest plane's."""
 FLOOR_BAND_M = 0.05
+VOTERS = 120
+"""Normals compared with all directions at once: that stays in the processor's cache, and their votes fit a byte."""
 BELOW_CAMERA_M = (0.2, 10.0)
 """How far the floor lies below the median camera."""
 
@@ -209,7 +211,10 @@ def _vote(normals: NDArray, priors: list[NDArray]) -> NDArray:
     """
     lattice = _fibonacci_sphere(800)
     every = max(1, len(normals) // 20000)
-    votes = (normals[::every] @ lattice.T > np.cos(np.deg2rad(10.0))).sum(axis=0)
+    votes, chosen = np.zeros(len(lattice), np.int64), normals[::every]
+    for first in range(0, len(chosen), VOTERS):
+        near = chosen[first : first + VOTERS] @ lattice.T > np.cos(np.deg2rad(10.0))
+        votes += near.sum(axis=0, dtype=np.uint8)
     on_side = len(priors) > 1 and np.array_equal(priors[1], -priors[0])
     upright = None if on_side else priors[0]
     for prior in priors:
