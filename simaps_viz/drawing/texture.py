@@ -312,13 +312,12 @@ def _draw_rims(image: NDArray, colors: NDArray, instance: NDArray, scale: int, w
             np.copyto(side, rims, where=edge[:, :, None, None])
 
 
-def sketch_png(grid: Grid, camera_m: NDArray, theme: Theme = LIGHT) -> bytes:
+def sketch_png(grid: Grid, camera_m: NDArray) -> bytes:
     """Paint the cells by their classes, what is unseen left transparent.
 
     Args:
         grid: what was seen so far.
         camera_m: [2 or more], x and y of the camera, map frame, metres.
-        theme: whose colours the floor and what nobody could name have.
 
     Returns:
         PNG, RGBA, north up, one pixel for each cell that is shown.
@@ -326,12 +325,12 @@ def sketch_png(grid: Grid, camera_m: NDArray, theme: Theme = LIGHT) -> bytes:
     step = max(1, -(-max(grid.spec.shape) // MAX_SKETCH_PIXELS))
     label, height = grid.label[::step, ::step], grid.height_m[::step, ::step]
     palette = np.array([(*class_color(name), 255) for name in grid.labels], np.uint8)
-    for name, color in {"floor": theme.floor, "wall": theme.wall}.items():
+    for name, color in {"floor": LIGHT.floor, "wall": LIGHT.wall}.items():
         if name in grid.labels:
             palette[grid.labels.index(name), :3] = color
     pixels = palette[label]
-    pixels[label == 0] = (*theme.floor, 255)
-    pixels[(label == 0) & (height >= STANDS_FROM_M)] = (*theme.clutter, 255)
+    pixels[label == 0] = (*LIGHT.floor, 255)
+    pixels[(label == 0) & (height >= STANDS_FROM_M)] = (*LIGHT.clutter, 255)
     pixels[np.isnan(height)] = 0
     spec = grid.spec
     at = (np.asarray(camera_m[:2]) - (spec.x0_m, spec.y0_m)) / (spec.cell_size_m * step)

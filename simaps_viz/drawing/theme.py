@@ -111,9 +111,9 @@ def short(text: str, most: int = MAX_NAME_LENGTH) -> str:
     return f"{text[: most - tail - 1].rstrip()}…{text[-tail:].lstrip()}"
 
 
-def short_html(text: str, most: int = MAX_NAME_LENGTH) -> str:
+def short_html(text: str) -> str:
     """Escape a name; one that is too long is shortened, and shown in full when the pointer rests on it."""
-    cut = short(text, most)
+    cut = short(text)
     return escape(text) if cut == text else f'<span title="{escape(text)}">{escape(cut)}</span>'
 
 

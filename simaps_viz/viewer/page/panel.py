@@ -292,9 +292,9 @@ class Played:
 class Player:
     """A button that plays and pauses a slider."""
 
-    def __init__(self, gui: viser.GuiApi, label: str, played: Played, *, first: int = 0) -> None:
-        """Add the button to the open container; ``first`` is where playing begins after the last position."""
-        self._label, self._played, self._first = label, played, first
+    def __init__(self, gui: viser.GuiApi, label: str, played: Played) -> None:
+        """Add the button to the open container; after the last position, playing begins at the first."""
+        self._label, self._played = label, played
         self._turn: threading.Event | None = None
         self._lock = _LOCKS.setdefault(gui, threading.RLock())
         self.button = gui.add_button(label, icon=viser.Icon.PLAYER_PLAY)
@@ -321,7 +321,7 @@ class Player:
     def _run(self, ended: threading.Event) -> None:
         played = self._played
         at = played.position()
-        position = self._first if at >= played.last() else at
+        position = 0 if at >= played.last() else at
         while position <= played.last():
             with self._lock:
                 if ended.is_set():
