@@ -699,7 +699,12 @@ GRAMMAR.words("_key", "key")
 GRAMMAR.words("_number", "whole")
 
 
-@_rule("relation", "COMMA? FROM? DET? side SIDE? TO DET? _side SIDE?", cost=-0.1)
+@_rule(
+    "relation",
+    "COMMA? GO? FROM? DET? side SIDE? TO DET? _side SIDE?",
+    "STOP GO? FROM? DET? side SIDE? TO DET? _side SIDE? !COMMA",
+    cost=-0.1,
+)
 def _swept(side: str) -> Parts:
     return (Part("then", side),)
 
@@ -718,7 +723,7 @@ def _sorted_from(key: str, np: Phrase | None = None, last: str = "") -> Parts:
 @_rule(
     "post",
     "(COMMA | BUT | AND)* STARTWITH DET? (key:key | FROM? DET? side) SIDE? (ONE | ONES)?",
-    "COMMA? DET? (key:key | side) (ONE | ONES | OF IT | OF ONES)? n:ORD",
+    "COMMA? WITH? DET? (key:key | side) (ONE | ONES | OF IT | OF ONES)? n:ORD",
     cost=-0.2,
 )
 def _sorted(key: str = "", side: str = "", n: int = 1) -> Parts:
@@ -862,6 +867,15 @@ def _whose_distance(np: Phrase, key: str) -> Parts:
     if key not in ("small", "short", "large", "long"):
         raise CommandError("")
     return (Part("order", "near" if key in ("small", "short") else "far", np.measure, phrase=np),)
+
+
+@_rule("relation", "WITH DET? (key:SUPER | key:MORE | FEWEST) DISTANCE ((TO | FROM) (np | HERE))?", cost=-0.3)
+def _with_least_distance(key: str = "small", np: Phrase | None = None) -> Parts:
+    """Read "the lamp with the smallest distance to the door"."""
+    if key not in ("small", "short", "large", "long"):
+        raise CommandError("")
+    of = np.measure if np else ""
+    return (Part("order", "near" if key in ("small", "short") else "far", of, phrase=np),)
 
 
 @_rule("relation", "_at? ITS side (SIDE | END)?", cost=-0.1)
@@ -1147,7 +1161,8 @@ def _having_some(n: int, np: Phrase, more: str = "", least: str = "") -> Parts:
 
 @_rule(
     "relation",
-    "(WITHONLY | WITH only:EXACTLY) n:whole np _on_it? | WITH (most:ATMOST | few:LESSTHAN) n:whole np _on_it?",
+    "(WITHONLY | WITH only:EXACTLY | WHERE (only:ONLY | only:EXACTLY)) n:whole np (_on_it? | IS+ _at?) | "
+    "WITH (most:ATMOST | few:LESSTHAN) n:whole np _on_it?",
     cost=-0.6,
 )
 def _having_no_more(n: int, np: Phrase, only: str = "", most: str = "", few: str = "") -> Parts:
@@ -1176,7 +1191,7 @@ def _having_its(noun: Noun, pre: Sequence[Parts] = ()) -> Parts:
     "relation",
     "WITH np _on_it?",
     "WHERE IS+ np",
-    "WHERE np IS+ (AT | ON)?",
+    "WHERE np IS+ ((AT | ON | IN) IT?)?",
     "THAT np IS+ (ON | AT | IN | BY | NEAR)",
     "(ON | IN | AT) THAT np IS+",
 )
@@ -1254,7 +1269,7 @@ def _laden() -> Parts:
     return _filter("minus({}, empty({}))")
 
 
-GRAMMAR.words("_on_it", "(IS | HANG)? (ON | NEAR | AT | AROUND | BY | IN | OVER) IT?")
+GRAMMAR.words("_on_it", "(IS | HANG)? (ON | NEAR | AT | AROUND | BY | IN | OVER | TO) IT?")
 GRAMMAR.words("_is", "(THAT | IS | EXIST | HANG)+")
 
 
@@ -1277,6 +1292,12 @@ def _that_is(adjective: Parts) -> Parts:
 def _is_no(np: Phrase) -> Parts:
     """Read "things that are not chairs"."""
     return _filter(f"minus({{}}, {np.whole or np.text})", np, outer=True)
+
+
+@_rule("post", "(COMMA | AND | BUT)+ NOTHING relation", cost=0.1)
+def _and_none_there(relation: Parts) -> Parts:
+    """Read "a chair, none of the black ones and none outside the office"."""
+    return tuple(replace(_negated(part), outer=True) for part in relation)
 
 
 @_rule("post", "(AND | COMMA | BUT)+ (THAT | IS)* NOT (relation | adjective)")
@@ -1422,7 +1443,7 @@ def _part_of(noun: Noun, outer: Sequence[Parts], pre: Sequence[Parts] = (), post
     return replace(phrase, any=not several and all(part.kind == "count" for part in _flat(outer)))
 
 
-@_rule("thing", "THAT &(WITH | WHERE | THAT | ON | IN | NEAR | BY | UNDER) post+", cost=0.5)
+@_rule("thing", "THAT ONE? &(WITH | WHERE | THAT | ON | IN | NEAR | BY | UNDER) post+", cost=0.5)
 @_rule("thing", "_dets pre* ONE (OF IT)? post*", "_dets pre* ones:ONES post*", cost=0.3)
 def _same_name(pre: Sequence[Parts] = (), post: Sequence[Parts] = (), ones: str = "") -> Phrase:
     if any(part.kind == "other" and part.number for part in _flat(post)):  # "not the big one, the other one"
@@ -1456,6 +1477,12 @@ def _elided(pre: Sequence[Parts], post: Sequence[Parts] = ()) -> Phrase:
     if not post and all(part.kind == "order" and part.text in _SIDES[2:6] for part in _flat(pre)):  # "in the south"
         raise CommandError("")
     return select(None, (*_flat(pre), *_flat(post)))
+
+
+@_rule("thing", "DET+ side:MOST", cost=0.9)
+def _outermost_one(side: str) -> Phrase:
+    """Read "the westernmost, then the easternmost"."""
+    return select(None, [Part("order", side)])
 
 
 @_rule("thing", "_dets pre* of:NOUN POSS? (noun:NOUN | noun:NOUNS) post*", cost=0.6)

@@ -23,6 +23,7 @@ from simaps_viz.language.nouns import (
     Parts,
     Phrase,
     lent,
+    quoted,
     refine,
     select,
     united,
@@ -36,6 +37,8 @@ _METRES: Final = {
 }  # fmt: skip
 _A_LITTLE_M: Final = 0.5
 _A_LITTLE_DEG: Final = 30.0
+_MAX_BARE_M: Final = 15.0
+"""A larger number without a unit that says how far to one side is an angle."""
 _MAX_TIMES: Final = 100
 _MAX_LAPS: Final = 20
 _COMPASS: Final = {"north": 0.0, "east": 90.0, "south": 180.0, "west": 270.0}
@@ -152,22 +155,19 @@ def _angle(n: float) -> Measure:
     return Measure(tidy(n))
 
 
-@_rule("angle", "(DET | n:amount)? QUARTER (OF DET)? _revolution?")
-def _quarter(n: float = 1.0) -> Measure:
-    return Measure(tidy(90.0 * n))
+@_rule("angle", "(DET | n:amount)? QUARTER")
+@_rule("portion", "(DET | n:amount)? (half:HALF | QUARTER | eighth:EIGHTH) (OF? DET)? (TURN | CIRCLE)")
+def _part_of_turn(n: float = 1.0, half: str = "", eighth: str = "") -> Measure:
+    return Measure(tidy(n * (180.0 if half else 45.0 if eighth else 90.0)))
 
 
-@_rule("angle", "DET? HALF DET? _revolution")
-def _half_turn() -> Measure:
-    return Measure("180")
+_rule("angle", "portion")(lambda portion: portion)
 
 
 @_rule("angle", "SLIGHTLY")
 def _slightly() -> Measure:
     return Measure(tidy(_A_LITTLE_DEG), (f"a little is read as {_A_LITTLE_DEG:g} degrees",))
 
-
-_words("_revolution", "DET? (TURN | CIRCLE)")
 
 # ---- going to things and rooms
 
@@ -190,6 +190,7 @@ def _go_to(targets: tuple[Phrase, ...]) -> Steps:
     return _each("robot.move_to_{0.goal}", targets)
 
 
+@_rule("order", "targets IS THEN", cost=0.1)
 @_rule("order", "TO targets", cost=-0.001)
 @_rule("order", "AT targets", cost=-0.02)
 @_rule("order", "(ON | IN | AT) _prep* targets")
@@ -379,7 +380,7 @@ def _beside(side: str = "") -> str:
 
 @_rule("order", "_go? _place? beside targets", cost=-0.2)
 def _go_beside(beside: str, targets: tuple[Phrase, ...]) -> Steps:
-    if beside == "beside" and targets[0].many:  # "half of the chairs"
+    if beside == "beside" and (targets[0].many or targets[0].is_room):  # "half of the chairs", "half of room"
         raise CommandError("")
     if beside in ("left", "right", *_COMPASS):
         return _each(f"robot.move_{'to_' if beside in ('left', 'right') else ''}{beside}({{0}})", targets)
@@ -421,11 +422,12 @@ def _go_off(distance: Measure, np: Phrase, beside: str = "front", back: str = ""
 
 @_rule(
     "short",
-    "(STAND | KEEP) distance SHORT",
+    "(STAND | KEEP | HALT) AT? distance SHORT",
     "BUT? KEEP distance (OF (BERTH | DISTANCE))?",
     "(STAND EXIST | (KEEP | GIVE) ATLEAST?) distance (OF (BERTH | DISTANCE))? BETWEEN (HERE AND IT | IT AND HERE)",
     "TO? IN distance (OF IT)?",
-    "(KEEP | GIVE | STAND) ATLEAST? (distance (OF DISTANCE)? | DET? DISTANCE OF distance) (_away IT)?",
+    "(KEEP | GIVE | STAND | HALT) (ATLEAST | AT)? (distance (OF DISTANCE)? | DET? DISTANCE OF BY? distance) "
+    "((_away | TO) (IT | ITS END))?",
     "(STAND | GO)? NOCLOSER THAN distance ((TO | FROM) IT)?",
     cost=-0.3,
 )
@@ -515,6 +517,11 @@ def _lap_and_back(lapped: Steps) -> Steps:
     return (*lapped, *_home())
 
 
+@_rule(
+    "order",
+    "_goer? FORWARD? TOWARD np (COMMA | BUT)* (ONLY | BY | FOR)* distance ONLY?",
+    cost=-0.3,
+)
 @_rule("order", "_goer FORWARD? ((BY | FOR)? distance)? FORWARD? TOWARD np", "_goer distance NEAR np", cost=0.05)
 def _go_toward(np: Phrase, distance: Measure | None = None) -> Steps:
     if distance is None:
@@ -564,6 +571,22 @@ def _apart(pair: tuple[Phrase, Phrase]) -> tuple[Phrase, ...]:
     return tuple(replace(a, text=f"nth({a.text}, {n})") for n in (1, 2))
 
 
+@_rule(
+    "order",
+    "MAKE? ROUNDTRIP (COMMA | STOP)* FROM? a:np TO b:np (COMMA? AND? (BACKTOO | BACK) (TO (_np | DET? START))?)?",
+    cost=-0.6,
+)
+def _round_trip(a: Phrase, b: Phrase) -> Steps:
+    """Read "round trip from the couch to the microwave and back"."""
+    return _go_to((a, b, a))
+
+
+@_rule(
+    "order",
+    "MAKE? ROUNDTRIP (COMMA | STOP)* _prep+ targets (COMMA? BACKTOO)?",
+    "BACKTOO (COMMA | STOP)+ targets",
+    cost=-0.5,
+)
 @_rule("order", "_go targets COMMA? BACKTOO", cost=-0.6)
 def _there_and_back(targets: tuple[Phrase, ...]) -> Steps:
     return (*_go_to(targets), *_home())
@@ -594,6 +617,7 @@ def _halt() -> Steps:
 # ---- turning
 
 _words("_turning", "TURN | SPIN | MAKE DET? TURN")
+_UNSIDED: Final = "degrees without a side is read as a turn to the right"
 _words("_looking", "(GO | STAND)? FACE | LOOK | LOOK _prep+ | FACE _prep+ | TURN _prep* (LOOK | FACE) _prep*")
 
 
@@ -676,14 +700,15 @@ _rule("way", "_prep* COUNTERCLOCKWISE")(lambda: "left")
 
 @_rule(
     "order",
-    "_turning way | _turning (BY | FOR | DET | FULL)* angle TURN? way? TURN? | "
+    "_turning way | _turning (BY | FOR | DET | FULL | COMMA)* angle TURN? COMMA? way? TURN? | "
+    "angle:portion (COMMA? way)? | "
     "_looking way | MAKE (BY | DET)* angle? TURN? way (TURN | angle TURN)? | "
     "MAKE DET? angle TURN? way? TURN? | way:hand | OTHER way TURN | "
     "(BY | FOR)? angle TURN? way | _turning AROUND (BY | FOR)? angle way? | way TURN | MAKE DET? TURN way",
 )
 def _turn(angle: Measure | None = None, way: str = "") -> Steps:
     by = angle or Measure("90")
-    notes = by.note if way else (*by.note, f"{by.text} degrees without a side is read as a turn to the right")
+    notes = by.note if way else (*by.note, f"{by.text} {_UNSIDED}")
     return (Do((f"robot.turn({by.negated if way == 'left' else by.text})",), (), notes),)
 
 
@@ -699,12 +724,14 @@ def _turn_around() -> Steps:
 
 @_rule(
     "order",
-    "MAKE DET? (SLIGHTLY | SIZE) SPIN | SPIN AROUND? way? | LOOK AROUND HERE? | (TURN | SPIN | MAKE | GO | LOOK) "
-    "AROUND? (AT | BY | IN)? DET? _whole way? | _whole | TURN FULL AROUND | TURN AROUND FULL",
+    "MAKE DET? (SLIGHTLY | SIZE) SPIN | SPIN AROUND? way? | LOOK AROUND HERE? | "
+    "(TURN | SPIN | MAKE | GIVE HERE? | GO | LOOK) AROUND? (AT | BY | IN)? (DET | ONE)? _whole way? | "
+    "DET? _whole way? | TURN FULL AROUND | TURN AROUND FULL",
     cost=0.1,
 )
 def _turn_fully(way: str = "") -> Steps:
-    return (Do((f"robot.turn({'-' if way == 'left' else ''}360)",), (), ("a full turn is 360 degrees",)),)
+    notes = ("a full turn is 360 degrees", *(() if way else (f"360 {_UNSIDED}",)))
+    return (Do((f"robot.turn({'-' if way == 'left' else ''}360)",), (), notes),)
 
 
 @_rule("order", "(_goer | HALT) FOR? whole SECONDS")
@@ -730,18 +757,56 @@ _words("_step", "GO | STEPS | TAKE")
     "_step FORWARD+ | _step (BY | FOR)? distance FORWARD* | FORWARD | distance FORWARD | MAKE distance FORWARD* | "
     "&OTHER distance FORWARD?",
 )
+@_rule("order", "(MAKE | GO) distance ONLY", cost=0.1)
 def _forward(distance: Measure = _ONE_METRE) -> Steps:
     return (Do((f"robot.move_forward({distance.text})",), (), distance.note),)
 
 
+@_rule("order", "distance", cost=0.5)
+def _onward(distance: Measure) -> Steps:
+    """Read "one metre. Right ninety. One metre."."""
+    if not distance.has_unit:
+        raise CommandError("")
+    return (replace(_forward(distance)[0], verb=_ONWARD),)
+
+
+_ONWARD: Final = "onward"
+"""The verb of a distance alone, which only goes on with what is driven before or after it."""
+
+
 @_rule(
     "order",
-    "BACKUP | BACK distance | _step _backward | RETURN (BY | FOR)? distance | (_step | MAKE) distance _backward | "
+    "(MAKE | GO | CIRCLE) DET? shape:SHAPE (ON DET* MAP)? "
+    "(COMMA | STOP | WITH | OF | EVERY | DET | SIDE | IS)* distance SIDE?",
+)
+@_rule("order", "(MAKE | GO | CIRCLE) DET? distance shape:SHAPE")
+def _square(shape: str, distance: Measure) -> Steps:
+    """Read "do a square, every side half a metre": back to where it began."""
+    if shape != "square" or not distance.has_unit:
+        raise CommandError("")
+    side = Do((f"robot.move_forward({distance.text})", "robot.turn(90)"), (), distance.note)
+    return (Repeat(4, (side,)),)
+
+
+@_rule(
+    "order",
+    "BACKUP | BACK distance | _step _backward | back:RETURN (BY | FOR)? distance | (_step | MAKE) distance _backward | "
     "BACKWARD | distance _backward",
 )
 @_rule("order", "(_step | MAKE) distance (COMMA | STOP)+ _backward", cost=-0.1)
-def _backward(distance: Measure = _ONE_METRE) -> Steps:
-    return (Do((f"robot.move_forward({distance.negated})",), (), distance.note),)
+def _backward(distance: Measure = _ONE_METRE, back: str = "") -> Steps:
+    verb = _BACK_AGAIN if back.startswith(("come", "go", "return")) else "go"
+    return (Do((f"robot.move_forward({distance.negated})",), (), distance.note, verb),)
+
+
+_BACK_AGAIN: Final = "back"
+"""The verb of "come back one metre": the way it faces, once it has turned around."""
+
+
+def _reversed(step: Step) -> Step:
+    if not isinstance(step, Do) or step.verb != _BACK_AGAIN:
+        return step
+    return replace(step, lines=tuple(line.replace("(-", "(") for line in step.lines))
 
 
 _words("_backward", "BACK | BACKWARD")
@@ -750,7 +815,7 @@ _words("_backward", "BACK | BACKWARD")
 @_rule(
     "order",
     "_step (_prep | DET)* compass SIDE? | _step (BY | FOR)? distance (_prep | DET)* "
-    "compass | MAKE distance (_prep | DET)* compass | distance (_prep | DET)* compass",
+    "compass | MAKE distance (_prep | DET)* compass | distance AWAY? (_prep | DET)* compass",
     cost=-0.2,
 )
 def _compass_move(compass: float, distance: Measure = _ONE_METRE) -> Steps:
@@ -763,6 +828,8 @@ def _compass_move(compass: float, distance: Measure = _ONE_METRE) -> Steps:
     cost=-0.2,
 )
 def _sideways(way: str, distance: Measure = _ONE_METRE) -> Steps:
+    if not distance.has_unit and float(distance.text) > _MAX_BARE_M:  # "ninety to the right"
+        raise CommandError("")
     angle = 90 if way == "right" else -90
     return (Do((f"robot.turn({angle})", f"robot.move_forward({distance.text})"), (), distance.note),)
 
@@ -1508,6 +1575,8 @@ def _room_has(room: Phrase, np: Phrase) -> Condition:
     return "count({0.text}) > 0", (_changed(np, inside, np.notes + room.notes, many=False),)
 
 
+@_rule("condition", "INDEF? np (ANYWHERE | HERE)* &ASKED", cost=0.2)
+@_rule("condition", "DET* MAP WITH np", cost=-0.2)
 @_rule("condition", "EXIST np (ANYWHERE | HERE | EITHER | _in_map)*", "np EXIST")
 def _exists(np: Phrase) -> Condition:
     np = _changed(np, np.whole or np.text)
@@ -1520,6 +1589,7 @@ def _exists_there(np: Phrase, relation: Parts, negation: str = "") -> Condition:
     return _holds(np, relation, negation=negation)
 
 
+@_rule("condition", "(NOT | WITHOUT | NUMBER) np (ANYWHERE | HERE)* &ASKED", cost=0.1)
 @_rule("condition", "EXIST (NOT | WITHOUT | NUMBER) np EITHER?", "HERE NEVER SEE np", "it:IT NOT np", cost=-0.2)
 def _exists_not(np: Phrase, it: str = "there") -> Condition:
     if it != "there":  # "there isn't a chair", but not "it isn't a chair"
@@ -1660,11 +1730,21 @@ def _shown(order: Steps, verb: str) -> Steps:
     return order
 
 
-@_rule("done", "order ((COMMA | STOP | BY | FOR | _just_so)* angle)+", "order (COMMA | STOP | BY | FOR)* distance")
-def _by_so_much(order: Steps, angle: Sequence[Measure] = (), distance: Measure | None = None) -> Steps:
-    """Read "turn left, 30 degrees", "a little to the left, by 20", "forward: two metres": how much was not yet said."""
+@_rule(
+    "done",
+    "order ((COMMA | STOP | BY | FOR | ONLY | _just_so)* angle)+",
+    "order ((COMMA | STOP | BY | FOR | ONLY)* distance)+",
+    "order ONCE? (COMMA | STOP)+ way",
+    cost=-0.1,
+)
+def _by_so_much(order: Steps, angle: Sequence[Measure] = (), distance: Sequence[Measure] = (), way: str = "") -> Steps:
+    """Read "turn left, 30 degrees", "forward: two metres", "a full turn, to the right": how much was not yet said."""
     last = order[-1]
-    measure = distance or angle[-1]
+    if way:
+        if not isinstance(last, Do) or not any(_UNSIDED in note for note in last.notes):
+            raise CommandError("")
+        return (*order[:-1], Do((last.lines[0].replace("(", "(-" if way == "left" else "("),)))
+    measure = (*angle, *distance)[-1]
     default = {"1", "90", tidy(_A_LITTLE_M), tidy(_A_LITTLE_DEG)}
     call = "turn" if angle else "move_forward"
     if not isinstance(last, Do) or (angle and len(last.lines) > 1) or (distance and not last.notes):
@@ -1684,6 +1764,14 @@ def _resized(step: Do, call: str, measure: Measure, sizes: Container[str] | None
 
 
 _words("_just_so", "EXACTLY")
+
+
+@_rule("done", "order COMMA ONLY? TURN", cost=0.1)
+def _just_turn(order: Steps) -> Steps:
+    """Read "turn so that the couch is on your right, just turn"."""
+    if not all(isinstance(step, Do) and _kind(step) == "turn" for step in order):
+        raise CommandError("")
+    return order
 
 
 @_rule("marked", "(n:ORD | last:LASTLY) STAND? (IS | COMMA)* (done | wanted)", cost=0.1)
@@ -1774,7 +1862,7 @@ def _asked_and_needed(question: Steps) -> Steps:
     return question
 
 
-@_rule("done", "(ORD | after:AFTER) COMMA? done", "NEED HERE? TO? done", "(HERE | GO) &_verb done", cost=0.2)
+@_rule("done", "(ORD | after:AFTER) COMMA? done", "NEED HERE? TO? done", "(HERE | GO) &(_verb | STAND) done", cost=0.2)
 def _numbered_order(done: Steps, after: str = "after") -> Steps:
     if after != "after":  # "when you go to the kitchen"
         raise CommandError("")
@@ -1889,9 +1977,9 @@ def _not_before(b: Steps, targets: tuple[Phrase, ...]) -> Steps:
 
 @_rule(
     "logical",
-    "WHETHER? condition (COMMA | AND | STOP | THEN)* IFSO COMMA? a:body (_mayhap OTHERWISE COMMA? b:body)?",
-    "WHETHER? condition ASKED THEN COMMA? a:body (_mayhap OTHERWISE COMMA? b:body)?",
-    "WHETHER? condition ASKED a:body _mayhap OTHERWISE COMMA? b:body",
+    "WHETHER? condition (COMMA | AND | STOP | THEN)* IFSO (COMMA | STOP)* a:body (_else b:body)?",
+    "WHETHER? condition ASKED THEN COMMA? a:body (_else b:body)?",
+    "WHETHER? condition ASKED STOP? a:body _else b:body",
     "WHETHER? condition (COMMA | AND | STOP | THEN)* OTHERWISE COMMA? b:body",
     cost=-0.2,
 )
@@ -1900,6 +1988,23 @@ def _if_so(condition: Condition, a: Steps = (), b: Steps = ()) -> Steps:
     if not a:
         return (Choose(f"not {condition[0]}", condition[1], b),)
     return (Choose(*condition, a, b),)
+
+
+_words("_else", "_mayhap (OTHERWISE COMMA? | LACKING (COMMA | STOP | THEN)+)")
+
+
+@_rule(
+    "logical",
+    "(condition:if ((COMMA | STOP? THEN)+ | &_verb) | condition ASKED THEN? COMMA?) a:body _mayhap "
+    "other:if ((COMMA | THEN)+ | &_verb) b:body",
+    cost=-0.6,
+)
+def _if_and_if_not(condition: Condition, a: Steps, other: Condition, b: Steps) -> Steps:
+    """Read "if there is a dog go to it, and if there is no dog go to the tv"."""
+    (test, (named, *_)), (inverse, (missing, *_)) = condition, other
+    if {test, inverse} != {"count({0.text}) > 0", "count({0.text}) == 0"} or named.base != missing.base:
+        raise CommandError("")
+    return (Choose(test, condition[1], a, b),)
 
 
 @_rule("logical", "PLACE (COMMA | STOP | SO)+ b:done", cost=-0.3)
@@ -2023,6 +2128,7 @@ _rule("not_that", "(NOT IT | NOT THAT | NOWAIT) (COMMA | STOP)+")(lambda: "not t
 @_rule("logical", "(named:declared _mid+)? MINE topic:np _mid+ b:items", cost=-1.0)
 @_rule("logical", "NEED topic:np (COMMA | AND | STOP)+ b:question", cost=-0.3)
 @_rule("logical", "AMONG topic:np (COMMA | STOP)? b:items", cost=0.2)
+@_rule("logical", "BETWEEN topic:np COMMA? &(APPROACH | TAKE | HANDS | GO) b:items", cost=-1.0)
 @_rule("logical", "named:np MEANT topic:np (COMMA | AND | STOP | THEN)+ b:items", cost=0.1)
 def _of_topic(topic: Phrase, b: Steps, named: Phrase | None = None, struck: str = "") -> Steps:
     """Read "the lamp by the bed, go to it", "there are two chairs at the table. Go to the left one, then the other"."""
@@ -2094,6 +2200,15 @@ def _taken(phrase: Phrase, topic: Phrase, group: Phrase, *, told: bool, first: b
     return replace(topic, text=topic.single, many=False) if phrase.any else topic
 
 
+@_rule("logical", "AMONG topic:np (COMMA | STOP) b:items", cost=-0.9)
+def _one_of_topic(topic: Phrase, b: Steps) -> Steps:
+    """Read "of the two couches, the one with the bear on it"."""
+    chosen = b[0].phrases if isinstance(b[0], Do) else ()
+    if not topic.many or len(chosen) != 1 or chosen[0].base not in (ONE, SAME) or chosen[0].text == IT:
+        raise CommandError("")
+    return _of_topic(topic, b)
+
+
 _TAKEN: Final = frozenset(["chair", "couch", "sofa", "stool", "seat", "armchair", "bench", "table", "desk", "bed"])
 """What a person takes by going there: "take the couch". Other things only by rank, "take the second"."""
 
@@ -2102,12 +2217,25 @@ _TAKEN: Final = frozenset(["chair", "couch", "sofa", "stool", "seat", "armchair"
 def _take_one(verb: str, targets: tuple[Phrase, ...], n: int = 0) -> Steps:
     """Read "two fridges: take the left one", "do the table first"."""
     chosen = all(one.base in (ONE, SAME) and one.text != IT for one in targets)
-    picked = all(one.word in _TAKEN or one.text.startswith(("nth(", "first(order(")) for one in targets)
+    ranked = ("nth(", "first(order(", *(("nearest(things(", "farthest(things(") if verb == "pick" else ()))
+    picked = all(one.word in _TAKEN or one.text.startswith(ranked) for one in targets)
     if verb not in ("take", "do", "pick", "get") or not (
         chosen or (verb == "do" and (n == 1 or targets[0].many)) or (verb in ("take", "pick") and picked)
     ):
         raise CommandError("")
     return _go_to(targets)
+
+
+@_rule(
+    "order",
+    "(NUMBER | COUNT) np _mid+ (_go | TAKE | MAKE | HANDS | APPROACH)* DET* (NUMBER n:whole | n:ORD (ONE | noun)?)",
+    cost=-0.4,
+)
+def _of_numbered(np: Phrase, n: int, noun: Noun | None = None) -> Steps:
+    """Read "number the stools west to east and take number two", "counting from the left, go to the third"."""
+    if not np.text.startswith("order(") or (noun is not None and quoted(noun.label) not in np.base):
+        raise CommandError("")
+    return _go_to((replace(np, text=f"nth({np.text}, {n})", many=False, whole=""),))
 
 
 _words("_forth", "FORWARD distance")
@@ -2154,6 +2282,11 @@ def _enumerated(steps: Sequence[Step]) -> list[Step]:
     return [*steps[:at], *_taken_from(tuple(told), head.phrases[0], group)]
 
 
+def _is_driven(step: Do) -> bool:
+    """Whether a step turns or moves by so much, said with a verb or a side."""
+    return step.verb != _ONWARD and any("robot.turn" in line or "move_forward(" in line for line in step.lines)
+
+
 @_rule("items", "item next*")
 def _items(item: Steps, next: Sequence[tuple[bool | None, Steps]] = ()) -> Steps:
     named = [isinstance(step, Do) and not step.verb for step in (item[-1], *(steps[0] for _, steps in next))]
@@ -2165,7 +2298,12 @@ def _items(item: Steps, next: Sequence[tuple[bool | None, Steps]] = ()) -> Steps
     if not joined and any(b and not a for a, b in pairwise(named)):
         raise CommandError("")  # "the bar: second stool" is one thing, told twice
     steps = [*item]
-    for joint, more in next:
+    driven = [step for step in (*item, *(one for _, more in next for one in more)) if isinstance(step, Do)]
+    if any(step.verb == _ONWARD for step in driven) and not any(_is_driven(step) for step in driven):
+        raise CommandError("")
+    for joint, said in next:
+        turned = steps[-1:] == [*_turn_around()]  # "turn around and come back a metre": the way it faces by then
+        more = tuple(_reversed(one) if turned and one is said[0] else one for one in said)
         first = more[0]
         if steps[-1:] == [*_turn_around()] and isinstance(first, Do) and AT_BACK in str(first):
             steps.pop()  # "turn round and go to the sofa behind you": behind it before it turns
@@ -2210,6 +2348,19 @@ def _keeping_away(avoided: Steps, a: Steps = (), b: Steps = ()) -> Steps:
     if not a and not b:
         raise CommandError("")
     return (*avoided, *a, *b)
+
+
+@_rule(
+    "start",
+    "_around (KEEP | STAND | GO | GIVE | WITH)* (ATLEAST distance | distance ATLEAST) (away | AWAY | TO | FROM) np "
+    "_around",
+    cost=-0.4,
+)
+def _kept_off(distance: Measure, np: Phrase, away: str = "") -> Steps:
+    """Read "stay at least two metres away from the couch", with nothing else to do: so far away, unless it is."""
+    if not distance.has_unit or np.text == IT:
+        raise CommandError("")
+    return (Choose(f"distance({{0.argument}}) < {distance.text}", (np,), _go_off(distance, np, off="away")),)
 
 
 _words("_around", "(COMMA | AND | THEN | STOP | BUT | ONLY)*")

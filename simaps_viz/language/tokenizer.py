@@ -279,7 +279,8 @@ _BEFORE_ORDERS: Final = (*_STOPS, "then")
 _MOTION: Final = re.compile(
     r"(?:(?:yourself|yourselves|your \w+) )?(?:(?:right |straight )?"
     r"(?:over|across|along|down|up|round|around|back|out|off|on|in|through) )*"
-    r"(?:to|onto|into|towards?|between|in between|up against)\b"
+    r"(?:(?:to|onto|into|towards?|between|in between|up against)\b(?! (?:the |your )?(?:left|right)\b)|"
+    r"(?:an?|one|two|three|half an?|\d+) (?:(?:centi)?met(?:re|er)s?|c?m|steps?)\b)"
 )
 """What mostly a verb of motion is followed by: "squeeze in between", "skedaddle over to", "plant yourself next to"."""
 _PUT: Final = re.compile(r"sat|stood|laid|set|hung|put|left|kept")
@@ -464,6 +465,8 @@ def _readings(kind: str, words: Sequence[str], at: int, vocabulary: Vocabulary) 
         noun = vocabulary.noun(" ".join(rest[:length]))
         yield length, "NOUNS" if noun.is_plural else "NOUN", noun
     for length, tokens in _phrases(rest):
+        if rest[length - 1] == "that" and tokens[0][0] == "NOWAIT" and vocabulary.match(rest[length : length + 6]):
+            continue  # "not that sofa" takes nothing back
         yield from ((length, name, value or " ".join(rest[:length])) for name, value in tokens if name)
 
 

@@ -245,6 +245,8 @@ def _whole(words: Sequence[str]) -> tuple[float, int]:
     for at, word in enumerate(words[:5]):
         if word == "hundred" and 0 <= total < 10:
             total = max(total, 1) * 100
+        elif taken == 1 and 0 < total < 10 and 20 <= NUMBERS.get(word, 0) < 100:  # "two seventy"
+            total = total * 100 + NUMBERS[word]
         elif word in NUMBERS and (taken == 0 or total % 100 == 0 or (total % 10 == 0 and NUMBERS[word] < 10)):
             total += NUMBERS[word]
         elif word != "and" or not total or total % 100 or at + 1 == len(words) or words[at + 1] not in NUMBERS:

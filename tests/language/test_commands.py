@@ -729,10 +729,59 @@ def test_what_opens_a_sentence_and_says_more_is_not_left_out(said: str) -> None:
         ("Go to the couch or the nearest chair, don't care which.", "go to the couch or the nearest chair"),
         ("If you don't mind, could you go over to the couch?", "go to the couch"),
         ("Position: couch", "go to the couch"),
+        ("Right ninety. One metre. Left ninety.", "turn right 90 degrees, go forward 1 m, turn left 90 degrees"),
+        ("Half a metre back, then half a turn.", "go back half a metre, then turn around"),
+        ("Back up a bit, like half a metre.", "go back half a metre"),
+        ("Do a two-seventy to the left.", "turn left 270 degrees"),
+        ("Spin all the way round one time, to the right.", "turn right 360 degrees"),
+        ("Turn all the way round once, leftwards.", "turn left 360 degrees"),
+        ("Ninety to the right. Right, I said.", "turn right 90 degrees"),
+        ("Go forward a metre, turn around and come back a metre.", "forward 1 m, turn around, forward 1 m"),
+        ("Two metres off to the west.", "go 2 m west"),
+        ("Approach the couch but leave a standoff of about 1.5 m to its edge.", "stop 1.5 m short of the couch"),
+        (
+            "Go to a chair, but give the couch a metre and a half of room.",
+            "go to a chair, and avoid the couch by 1.5 m",
+        ),
+        ("Pick whichever chair has the smallest distance to the couch.", "go to the chair nearest the couch"),
+        ("Number the chairs west to east and take number two.", "go to the second chair from the west"),
+        ("Chairs: the westernmost, then the easternmost.", "the westernmost chair, then the easternmost chair"),
+        ("Chairs. West to east.", "go to the chairs from west to east"),
+        ("Of the two chairs, the one with a cup on it.", "of the two chairs, go to the one with a cup on it"),
+        ("Round trip, couch to chair and back to the couch.", "go to the couch, then a chair, then the couch"),
+        ("Couch, then chair, in exactly this order.", "go to the couch, then to the chair"),
+        ("A chair, but none of the red ones.", "go to a chair that is not red"),
+        ("Not that couch, any chair.", "go to a chair"),
+        ("Two chairs, not the same one twice.", "go to two chairs"),
+        (
+            "If there's a dog go to the dog, and if there's no dog go to the couch.",
+            "if there is a dog, go to the dog, otherwise go to the couch",
+        ),
+        (
+            "Ladder about? Go to it. No ladder, go to the couch.",
+            "if there is a ladder, go to it, otherwise go to the couch",
+        ),
+        (
+            "More than three chairs? Then the couch. Fewer, then the table.",
+            "if there are more than three chairs, go to the couch, otherwise go to the table",
+        ),
     ],
 )
 def test_the_same_said_in_other_words(said: str, like: str) -> None:
     assert read_command(said, LABELS).program == read_command(like, LABELS).program
+
+
+def test_a_square_ends_where_it_began_and_who_is_far_enough_away_stays() -> None:
+    square = "for turn in [1, 2, 3, 4]:\n    robot.move_forward(0.5)\n    robot.turn(90)"
+    assert read_command("Do a square, every side half a metre.", LABELS).program == square
+    away = 'if distance("couch") < 4:\n    robot.move_to(spot("couch", "beside", 4))'
+    assert read_command("I want you four metres or more away from the couch.", LABELS).program == away
+
+
+@pytest.mark.parametrize("said", ["one metre", "go to the couch, one metre", "Wander. Ninety."])
+def test_a_measure_alone_moves_nothing(said: str) -> None:
+    with pytest.raises(CommandError):
+        read_command(said, LABELS)
 
 
 def test_a_thing_of_an_unknown_name_is_missing_where_another_is_named_instead() -> None:
