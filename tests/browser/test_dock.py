@@ -25,7 +25,7 @@ from simaps_viz.mapping.timeline import Timeline
 from simaps_viz.structures import SIMap
 
 FRAMES = 6
-WIDTH_PX, HEIGHT_PX = 2140, 600
+WIDTH_PX = 2140
 MAP_SHOWN = "() => window.__viserMutable?.nodeRefFromName?.['/map'] != null"
 OPENED = "() => window.simapsReady && window.simapsEvents.some((one) => one.type === 'recording_open')"
 ECHO_MS = 1700
@@ -162,7 +162,7 @@ def opened(browser: Browser, built: tuple[SIMap, Path], tmp_path_factory: pytest
         patch.setenv("SIMAPS_RECORDINGS", str(kept))
         with (
             workbench.open_workbench(simap, recording=recording, port=free_port()) as bench,
-            watched_through(browser, bench, WIDTH_PX, HEIGHT_PX) as page,
+            watched_through(browser, bench, WIDTH_PX) as page,
         ):
             written: list[str] = []
             page.on("console", lambda one: written.append(one.text))

@@ -50,9 +50,9 @@ def forwarded(port: int) -> Iterator[int]:
 
 
 @contextmanager
-def watched_through(browser: Browser, bench: Workbench, width: int, height: int = 800) -> Iterator[Page]:
+def watched_through(browser: Browser, bench: Workbench, width: int) -> Iterator[Page]:
     """Open a page through one forwarded port; fails where it asks for any other."""
-    with forwarded(bench.port) as near, watched_page(browser, width, height) as page:
+    with forwarded(bench.port) as near, watched_page(browser, width) as page:
         asked: list[str] = []
         page.on("request", lambda request: asked.append(request.url))
         page.on("websocket", lambda one: asked.append(one.url))
