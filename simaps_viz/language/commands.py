@@ -10,6 +10,7 @@ from itertools import islice
 from typing import Final
 
 from simaps_viz.errors import CommandError
+from simaps_viz.language.gist import clauses_of
 from simaps_viz.language.grammar import Chart
 from simaps_viz.language.nouns import ALL, IT, LAST, ONE, SAME, SUCH, THAT, Phrase, quoted, select
 from simaps_viz.language.orders import EVERYTHING, GRAMMAR, Choose, Do, Repeat, Steps
@@ -126,7 +127,7 @@ def read_command(text: str, labels: Sequence[str] | Mapping[str, int]) -> Readin
             if "search(" not in found[-1].program:
                 return found[-1]
     if found:
-        return found[0]
+        return min(found, key=lambda reading: reading.program.count("search("))
     suggested = instead(text, labels) or examples(labels)
     said = str(refusal) if str(refusal).endswith(("?", ".")) else f"{refusal}."
     raise CommandError(f"{said} Try: {', '.join(map(quoted, suggested))}.", suggestions=suggested)
@@ -142,6 +143,48 @@ def _ways_to_read(text: str, vocabulary: Vocabulary) -> Iterator[Callable[[], Re
             yield partial(aside.rest, vocabulary)
     for guess in (_need, _there):
         yield partial(guess, text, vocabulary)
+    for aside in _gists(text, vocabulary):
+        if (aside.text, aside.left_out) not in tried:
+            tried.add((aside.text, aside.left_out))
+            yield partial(aside.rest, vocabulary, known=True)
+
+
+def _gists(text: str, vocabulary: Vocabulary) -> "Iterator[_Aside]":
+    """Return a text without clauses that only talk, then also without the words around what is to be done."""
+    said = [*clauses_of(plainly(text), vocabulary)]
+    sentences = [one.sentence for one in said]
+    told = [one.is_talk for one in said]
+    stated = [
+        out
+        or (
+            one.sentence.words[:1] not in (("it",), ("they",))
+            and is_statement(one.text, names_things=_names_things(one.sentence))
+        )
+        for out, one in zip(told, said, strict=True)
+    ]
+    topics = [out or one.is_topic for out, one in zip(stated, said, strict=True)]
+    for short in (False, True):
+        for dropped in (told, stated, topics):
+            gist = [f"{one.gist} " if short and one.gist else one.text for one in said]
+            kept = [one for one, out in zip(said, dropped, strict=True) if not out]
+            spoken_of = any(_refers(one.sentence) for one in kept)
+            if any(one.sentence.unknown for one in kept if not (short and one.gist)) or (
+                dropped is topics and not spoken_of
+            ):
+                continue
+            for aside in _without(gist, sentences, dropped, vocabulary, short=short):
+                without = tuple(one.left_out for one in kept if short and one.gist and one.left_out)
+                yield replace(aside, left_out=(*aside.left_out, *without))
+
+
+def _refers(sentence: Sentence) -> bool:
+    """Whether a sentence speaks of what was named before it."""
+    pairs = zip(("", *sentence.words), sentence.words, sentence.edges, strict=False)
+    return any(
+        e.kind in ("IT", "THAT", "ONE", "ONES") and not (word == "there" and before in ("is", "are"))
+        for before, word, here in pairs
+        for e in here
+    )
 
 
 _LACKING: Final = re.compile(
@@ -344,13 +387,15 @@ class _Aside:
     named: Phrase | None = None
     """What they name."""
 
-    def rest(self, vocabulary: Vocabulary) -> Reading:
-        """Read the text.
+    def rest(self, vocabulary: Vocabulary, *, known: bool = False) -> Reading:
+        """Read the text; ``known``: only where the map has the things that the robot is sent to.
 
         Raises:
             CommandError: it cannot be read, or what is left out tells which of several things is meant.
         """
         reading = _understood(self.text, vocabulary, self.named)
+        if known and "search(" in reading.program and not re.search(r"^(?:tell\(|if )", reading.program, re.MULTILINE):
+            raise CommandError("")
         said = re.findall(r'"([^"]*)"', reading.program)
         if any((vocabulary.count(label) or 0) > 1 or vocabulary.count(label) is None for label in said):
             for clause in self.sentences:
@@ -429,7 +474,12 @@ def _without_asides(text: str, vocabulary: Vocabulary) -> Iterator[_Aside]:
 
 
 def _without(
-    said: Sequence[str], sentences: Sequence[Sentence], dropped: Sequence[bool], vocabulary: Vocabulary
+    said: Sequence[str],
+    sentences: Sequence[Sentence],
+    dropped: Sequence[bool],
+    vocabulary: Vocabulary,
+    *,
+    short: bool = False,
 ) -> Iterator[_Aside]:
     """Return what is left of a text, if anything is left out and anything is left."""
     torn = any(
@@ -437,7 +487,7 @@ def _without(
         for clause, out, after, kept in zip(said, dropped, sentences[1:], dropped[1:], strict=False)
         if not kept
     )  # "the backpack was on the floor, near the table" is one thing told
-    left = _carried(said, sentences, dropped, vocabulary) if any(dropped) and not torn else None
+    left = _carried(said, sentences, dropped, vocabulary) if (short or any(dropped)) and not torn else None
     if left and left.strip():
         left = _JOINED.sub("", left)
         left_out = [at for at, out in enumerate(dropped) if out and sentences[at].words]

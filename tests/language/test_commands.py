@@ -1266,3 +1266,48 @@ def test_both_of_two_are_gone_to_in_the_order_said() -> None:
     for said in ("Visit the two sofas, the grey one before the green one", "Visit both sofas, grey first"):
         program = read_command(said, {"couch": 2}).program
         assert "grey" in program and "two" not in program
+
+
+AROUND = {"chair": 4, "couch": 2, "lamp": 1, "refrigerator": 1, "table": 3}
+
+
+@pytest.mark.parametrize(
+    ("said", "like"),
+    [
+        ("Writing at home this morning, so hear me: couch. Now.", "go to the couch"),
+        ("Young scholar, would you come and keep me company by the couch?", "go to the couch"),
+        ("Turn around, like a weathercock", "turn around"),
+        ("Go to the chair before the inspectors come in", "go to the chair"),
+        ("where did auntie keep the lamp", "where is the lamp"),
+        ("go slouch near the couch", "go to the couch"),
+        ("Every chair at the table gets a napkin. Visit them.", "visit every chair at the table"),
+        ("Good day to you. Go to the lamp.", "go to the lamp"),
+    ],
+)
+def test_what_is_said_around_an_order_is_left_out(said: str, like: str) -> None:
+    assert read_command(said, AROUND).program == read_command(like, AROUND).program
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        "juggle by the couch",
+        "dim the lamp",
+        "swap the two couches",
+        "take the parcel to the couch",
+        "tell auntie the chair by the couch is hers",
+        "Auntie asked about the lamp, she wonders how old it is",
+        "I left my lamp on the chair, is it still there?",
+        "go to the chair until two knocks are heard",
+        "auntie is asleep, do not go to the couch",
+    ],
+)
+def test_what_may_tell_what_is_meant_is_not_left_out(said: str) -> None:
+    with suppress(CommandError):
+        pytest.fail(read_command(said, AROUND).program)
+
+
+def test_what_is_left_out_around_an_order_is_noted() -> None:
+    notes = read_command("Young scholar, would you come and keep me company by the couch?", AROUND).notes
+    assert any(note.startswith('"young scholar" is left out') for note in notes)
+    assert any("company" in note and "left out" in note for note in notes)
