@@ -1,9 +1,10 @@
 """The third dimension: which surface lies at which height, and whose it is; things under, in and on other things.
 
 The map from above stays what it is. Below its tops, the surface that frames saw is cut into *nodes*: in one cell, the
-steps of height of one class, without a gap. The node at a cell's top is the map's; all others are *lower*
-nodes, and are partitioned by the same evidence: frames saw two nodes in one segment or in two. What the evidence ties
-to an object of the map becomes part of it; the rest becomes objects of their own, which no cell of the map shows.
+steps of height of one class, without a gap and on one side of where segments meet. The node at a cell's top is the
+map's; all others are *lower* nodes, and are partitioned by the same evidence: frames saw two nodes in one segment or in
+two. What the evidence ties to an object of the map becomes part of it; of the rest, what has segments of its own
+becomes objects of their own, which no cell of the map shows.
 
 Frames are looked at in four passes; those on disk are read for each, so memory follows the map, not their number.
 """
@@ -18,7 +19,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from simaps_viz.mapping.communities import MIN_PAIR_AFFINITY, communities_of_pairs
-from simaps_viz.mapping.in_space import least_sizes
+from simaps_viz.mapping.in_space import least_sizes, majority
 from simaps_viz.mapping.pooling import PoolSettings, join_parts
 from simaps_viz.mapping.projection import ON_A_STEP, STEPS_PER_M, below_lowest, count_bits, first_step, lowest_run
 from simaps_viz.mapping.steps import FrameList
@@ -37,6 +38,10 @@ each other in shelves, and no frame need show both."""
 _REMNANT = 20
 """Groups of fewer nodes join what they touch by the belief of the map, `PoolSettings.touching_same`."""
 _MIN_FRAMES = 2
+_MIN_MEETINGS = 3
+"""So many frames have to see two segments meet in a cell, one above the other, for a node to end there."""
+_CLASS_BITS, _STEP_BITS = 15, 6
+"""Of a place: cell, class and step as one number."""
 _FLUSH = 1 << 20
 _LOW = 0xFFFFFFFF
 """The second number of a key."""
@@ -188,8 +193,15 @@ def _cells(
 def _elected_nodes(grid: Grid, seen: _Seen, lowest: int, weight_of_label: NDArray) -> _Nodes:
     """Let frames vote for the class of each voxel, and cut what each class has in a cell into nodes."""
     size = grid.label.size
+    thing = np.array(grid.is_thing) & (np.arange(len(grid.labels)) > 0)
     following, label, steps = (np.zeros(size + size // 16 + 1024, t) for t in (np.int32, np.int16, np.uint64))
-    for cell, of_label, _, low, high, _ in seen:
+    place, met = np.zeros(0, np.int64), np.zeros(0, np.int64)
+    waiting, rows = list[NDArray](), 0
+    for cell, of_label, segment, low, high, _ in seen:
+        waiting.append(_meetings(cell, of_label, segment, low, high, lowest, thing))
+        rows += len(waiting[-1])
+        if rows > _FLUSH:
+            place, met, waiting, rows = *_counted(place, met, waiting), [], 0
         done = 0
         while True:
             size, done = _gather(cell, of_label, low, high, lowest, following, label, steps, size, done)
@@ -197,19 +209,102 @@ def _elected_nodes(grid: Grid, seen: _Seen, lowest: int, weight_of_label: NDArra
                 break
             following, label, steps = (np.resize(one, len(one) * 5 // 4) for one in (following, label, steps))
             following[size:], steps[size:] = 0, 0
-    # From here on the entries of a cell lie side by side. Where classes share a step, count how often each was seen.
+    place, met = _counted(place, met, waiting)
+    # From here on the entries of a cell lie side by side. Where classes share a step, count how often each was seen;
+    # where segments meet, how often one reaches across.
     first, label, steps = _by_cell(following, label, steps, grid.label.size, size)
     del following
     contested = _contested(first, steps)
     start = contested[2]
-    if start[-1]:
+    across, watched = np.zeros(len(place), np.int32), np.zeros(grid.label.size, np.bool_)
+    watched[place[met >= _MIN_MEETINGS] >> _CLASS_BITS + _STEP_BITS] = True
+    if start[-1] or len(place):
         votes = np.zeros(start[-1], np.uint16)
         for cell, of_label, _, low, high, _ in seen:
             _count(cell, of_label, low, high, lowest, first, label, *contested, votes)
+            _count_across(cell, of_label, low, high, lowest, watched, place, across)
         _elect(first, label, steps, *contested, votes, weight_of_label)
-    del contested, start
-    thing = np.array(grid.is_thing) & (np.arange(len(grid.labels)) > 0)
-    return _Nodes(*_cut(first, label, steps, thing))
+    del contested, start, watched
+    return _Nodes(*_cut(first, label, steps, thing, place, met, across))
+
+
+def _counted(place: NDArray, count: NDArray, more: list[NDArray]) -> tuple[NDArray, NDArray]:
+    """Return the distinct places, ascending, and how often each came: ``count`` times and once for each of ``more``."""
+    places, at = np.unique(np.concatenate([place, *more]), return_inverse=True)
+    ones = np.ones(len(at) - len(place), np.int64)
+    return places, np.bincount(at, np.concatenate([count, ones]), len(places)).astype(np.int64)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _place(cell, label):  # int32, int16 -> int64
+    """Return the number of the lowest step of a class in a cell; those of the steps above follow it."""
+    return (np.int64(cell) << _CLASS_BITS | np.int64(label)) << _STEP_BITS
+
+
+@njit(cache=True, nogil=True)
+def _meetings(
+    cell: NDArray,  # int32 [m], ascending
+    label_of: NDArray,  # int16 [m]
+    segment_of: NDArray,  # int32 [m]
+    low: NDArray,  # int8 [m]
+    high: NDArray,  # int8 [m]
+    lowest: int,
+    thing: NDArray,  # bool [labels]
+) -> NDArray:
+    """Return the places, int64, where a frame saw two segments of a thing's class meet, one above the other.
+
+    From the highest step of the lower one to the lowest of the upper one, any of them may be where.
+    """
+    found = np.zeros(len(cell), np.int64)
+    n, first = 0, 0
+    for i in range(len(cell)):
+        if cell[i] != cell[first]:
+            first = i
+        if not thing[label_of[i]]:
+            continue
+        over, j = -1, first  # the lowest run above, of another segment
+        while j < len(cell) and cell[j] == cell[i]:
+            if (
+                label_of[j] == label_of[i]
+                and segment_of[j] != segment_of[i]
+                and low[j] > low[i]
+                and low[j] >= high[i]
+                and high[j] > high[i]
+                and (over < 0 or low[j] < low[over])
+            ):
+                over = j
+            j += 1
+        if over < 0:
+            continue
+        for step in range(max(high[i] - lowest, 0), min(low[over] - lowest + 1, 1 << _STEP_BITS)):
+            if n == len(found):
+                found = np.concatenate((found, np.zeros(n, np.int64)))
+            found[n] = _place(cell[i], label_of[i]) + step
+            n += 1
+    return found[:n]
+
+
+@njit(cache=True, nogil=True)
+def _count_across(
+    cell: NDArray,  # int32 [m]
+    label_of: NDArray,  # int16 [m]
+    low: NDArray,  # int8 [m]
+    high: NDArray,  # int8 [m]
+    lowest: int,
+    watched: NDArray,  # bool [cells], has places
+    place: NDArray,  # int64 [places], ascending
+    across: NDArray,  # in/out int32 [places]
+) -> None:
+    """Count the runs of one frame that reach past a place at both ends."""
+    for i in range(len(cell)):
+        if not watched[cell[i]]:
+            continue
+        base = _place(cell[i], label_of[i])
+        last = base + min(high[i] - lowest, 1 << _STEP_BITS)
+        at = np.searchsorted(place, base + max(low[i] - lowest + 1, 0))
+        while at < len(place) and place[at] < last:
+            across[at] += 1
+            at += 1
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -381,17 +476,27 @@ def _cut(
     first: NDArray,  # int32 [cells + 1]
     label: NDArray,  # int16 [entries]
     steps: NDArray,  # uint64 [entries]
-    thing: NDArray,  # bool [labels], what is cut at gaps
+    thing: NDArray,  # bool [labels], what is cut at gaps and where segments meet
+    place: NDArray,  # int64 [places], ascending, where they do, with the two that follow
+    met: NDArray,  # int64 [places], how often
+    across: NDArray,  # int32 [places], how often one segment reaches across
 ) -> tuple[NDArray, NDArray, NDArray]:
     """Return the nodes: cell int32, ascending, class int16, steps uint64."""
     of_cell, of_label, of_steps = np.zeros(0, np.int32), np.zeros(0, np.int16), np.zeros(0, np.uint64)
     for fill in range(2):
-        n = 0
+        n, near = 0, 0
         for c in range(len(first) - 1):
+            while near < len(place) and place[near] < _place(c, 0):
+                near += 1
+            meet = near < len(place) and place[near] < _place(c + 1, 0)
             for at in range(first[c], first[c + 1]):
-                left = steps[at]
+                left, uncut = steps[at], np.uint64(0)
                 while left:
                     part = lowest_run(left) if thing[label[at]] else left
+                    if meet and thing[label[at]] and part != uncut:
+                        whole = part
+                        part = _below_meeting(part, _place(c, label[at]), place, met, across)
+                        uncut = whole & ~part
                     left &= ~part
                     if fill:
                         of_cell[n], of_label[n], of_steps[n] = c, label[at], part
@@ -399,6 +504,39 @@ def _cut(
         if not fill:
             of_cell, of_label, of_steps = np.zeros(n, np.int32), np.zeros(n, np.int16), np.zeros(n, np.uint64)
     return of_cell, of_label, of_steps
+
+
+@njit(cache=True, nogil=True)
+def _below_meeting(
+    run: np.uint64,
+    base: np.int64,  # number of the lowest step
+    place: NDArray,  # int64 [places], as for `_cut`, with the two that follow
+    met: NDArray,  # int64 [places]
+    across: NDArray,  # int32 [places]
+) -> np.uint64:
+    """Return the steps of a run up to where two things of its class meet; all of them if none do.
+
+    Things that stand on one another meet at one height, in frame after frame. Where two stand side by side in a cell,
+    frames see them meet at any height.
+    """
+    inside = run & run << np.uint64(1) & run >> np.uint64(1)
+    first = last = np.searchsorted(place, base)
+    total = 0
+    while last < len(place) and place[last] < base + (1 << _STEP_BITS):
+        if inside >> np.uint64(place[last] - base) & np.uint64(1):
+            total += met[last]
+        last += 1
+    best, most = -1, 0
+    for i in range(first, last):
+        step, close = place[i] - base, 0
+        if met[i] < max(_MIN_MEETINGS, 2 * across[i] + 1, most + 1) or not inside >> np.uint64(step) & np.uint64(1):
+            continue
+        for k in range(max(i - 1, first), min(i + 2, last)):
+            if abs(place[k] - place[i]) <= 1:
+                close += met[k]
+        if 2 * close > total:
+            best, most = step, met[i]
+    return run if best < 0 else run & ((np.uint64(2) << np.uint64(best)) - np.uint64(1))
 
 
 def first_of_cells(cell: NDArray, cells: int) -> NDArray:
@@ -509,6 +647,8 @@ class _Groups:
     """int64 [groups], how many frames saw it."""
     score: NDArray
     """float64 [groups], mean confidence of the segments that named it."""
+    apart: NDArray
+    """bool [groups], whether it has segments of its own, see `_has_segments`."""
 
 
 @dataclass(eq=False)
@@ -559,36 +699,40 @@ class _Partition:
         group = root[unit[self.lower]]
         instance = np.where(group < tops, np.r_[objects, 0][np.minimum(group, tops)], 0)
         score = np.bincount(root, named[0], units) / np.maximum(np.bincount(root, named[1], units), 1e-9)
-        frames = np.bincount(np.unique(root[seen_in >> 32] << 32 | seen_in & _LOW) >> 32, minlength=units)
-        return _Groups(group, instance.astype(np.int32), self.lower, frames, score)
+        frames = np.bincount(np.unique(root[seen_in[0]] << 32 | seen_in[1] >> 32) >> 32, minlength=units)
+        return _Groups(group, instance.astype(np.int32), self.lower, frames, score, _has_segments(root, seen_in))
 
     def _pooled(
         self, sights: "_Sights", unit: NDArray, tops: int, nodes_of: NDArray, touching: NDArray
-    ) -> tuple["_Evidence", NDArray, tuple[NDArray, NDArray]]:
+    ) -> tuple["_Evidence", "_SeenIn", tuple[NDArray, NDArray]]:
         """Sum up the evidence on every two parts that were seen together or are among those that touch, int32 [t, 2].
 
         Returns:
-            The evidence; int64 [s], a lower part, shifted by 32 bits, and a frame that saw it; and of each part the
-            confidence of segments and the nodes they named, float64 [units].
+            The evidence; what was seen of each part in each segment; and of each part the confidence of segments and
+            the nodes they named, float64 [units].
         """
         units = len(nodes_of)
-        waiting, size, seen_in = [(touching, np.zeros((len(touching), 2)))], 0, [np.zeros(0, np.int64)]
+        waiting, size, seen_in = [(touching, np.zeros((len(touching), 2)))], 0, list[_SeenIn]()
         named, place = (np.zeros(units), np.zeros(units)), np.full(units, -1, np.int32)
         for frame, (at, segment, score) in enumerate(sights):
             of_unit = unit[at]
             _add_scores(of_unit, segment, score, *named)
-            parts, ends, evidence = _pairs(of_unit, segment, self.nodes.label[at], nodes_of, tops, place)
-            seen_in.append(parts[parts >= tops].astype(np.int64) << 32 | frame)
+            part, of, count, ends, evidence = _pairs(of_unit, segment, self.nodes.label[at], nodes_of, tops, place)
+            seen_in.append((part, np.int64(frame) << 32 | of, count))
             waiting.append((ends, evidence))
             size += len(ends)
             if size > _FLUSH:
                 waiting, size = [_all_summed(waiting, units)], 0
-        return _all_summed(waiting, units), np.concatenate(seen_in), named
+        part, segment, count = map(np.concatenate, zip(*seen_in, strict=True))
+        return _all_summed(waiting, units), (part, segment, count), named
 
 
 _Evidence = tuple[NDArray, NDArray]
 """What was seen of every two parts: the parts, int32 [p, 2], and how much as the same and as different, float64 [p, 2].
 """
+_SeenIn = tuple[NDArray, NDArray, NDArray]
+"""What was seen of a part in a segment: the part int32 [s], the frame, shifted by 32 bits, and the segment int64 [s],
+and how many nodes float64 [s]."""
 
 
 @dataclass(eq=False)
@@ -766,14 +910,16 @@ def _rows(
     segment: NDArray,  # int32 [k]
     label: NDArray,  # int16 [k]
     place: NDArray,  # int32 [units]
-) -> tuple[NDArray, NDArray, NDArray, NDArray, NDArray, NDArray, NDArray]:
+) -> tuple[NDArray, NDArray, NDArray, NDArray, NDArray, NDArray, NDArray, NDArray]:
     """Count the nodes of each part by segment.
 
     Returns:
-        part int32, in the order met, its class int16, its nodes float64 and its first row int32. A row is a segment
-        int32, how many nodes of the part lie in it float64, and the row after it int32, -1 = none; they ascend.
+        part int32, in the order met, its class int16, its nodes float64 and its first row int32. A row is a part int32,
+        a segment int32, how many nodes of the part lie in it float64, and the part's next row int32, -1 = none; those
+        of a part ascend.
     """
-    row_segment, row_nodes = np.zeros(len(unit), np.int32), np.zeros(len(unit))
+    row_part, row_segment = np.zeros(len(unit), np.int32), np.zeros(len(unit), np.int32)
+    row_nodes = np.zeros(len(unit))
     following, head = np.full(len(unit), -1, np.int32), np.full(len(unit), -1, np.int32)
     part, nodes, of_label = np.zeros(len(unit), np.int32), np.zeros(len(unit)), np.zeros(len(unit), np.int16)
     rows, parts = 0, 0
@@ -788,7 +934,7 @@ def _rows(
         while row >= 0 and row_segment[row] < segment[i]:
             before, row = row, following[row]
         if row < 0 or row_segment[row] != segment[i]:
-            row_segment[rows], following[rows] = segment[i], row
+            row_part[rows], row_segment[rows], following[rows] = unit[i], segment[i], row
             if before < 0:
                 head[p] = rows
             else:
@@ -798,7 +944,7 @@ def _rows(
         row_nodes[row] += 1.0
     for one in part[:parts]:
         place[one] = -1
-    return part[:parts], of_label, nodes, head, row_segment, row_nodes, following
+    return part[:parts], of_label, nodes, head, row_part[:rows], row_segment[:rows], row_nodes[:rows], following
 
 
 @njit(cache=True, nogil=True)
@@ -809,17 +955,18 @@ def _pairs(
     nodes_of: NDArray,  # int64 [units], how many each part has
     tops: int,
     place: NDArray,  # int32 [units], scratch: all -1, and so again in the end
-) -> tuple[NDArray, NDArray, NDArray]:
-    """Return the parts that one frame saw, int32, and what it says about every two of a class.
+) -> tuple[NDArray, NDArray, NDArray, NDArray, NDArray]:
+    """Return how much one frame saw of which part in which segment, and what it says about every two of a class.
 
     Two parts are one as far as their nodes lie in the same segments. That counts as many nodes as were seen of the one
     of which fewer were, and of two lower parts only the share that was seen of the one of which less was: a mask that
     slips over an edge shows a sliver of the next part, in the same segment as all parts of its own object.
 
     Returns:
-        int32 [parts], ascending; int32 [p, 2], two parts, ascending; float64 [p, 2], same and different.
+        Part int32 [r], segment int32 [r] and how many nodes of the part lie in it, float64 [r]; int32 [p, 2], two
+        parts, ascending; float64 [p, 2], same and different.
     """
-    part, of_label, nodes, head, row_segment, row_nodes, following = _rows(unit, segment, label, place)
+    part, of_label, nodes, head, row_part, row_segment, row_nodes, following = _rows(unit, segment, label, place)
     parts = len(part)
     # The lower parts of each class are a list, too; so each part meets those that follow it only.
     order = np.argsort(part)
@@ -853,7 +1000,7 @@ def _pairs(
             evidence[n, 0], evidence[n, 1] = agree * weight, (1 - agree) * weight
             n += 1
             b = later[b]
-    return part[order], ends, evidence
+    return row_part, row_segment, row_nodes, ends, evidence
 
 
 @njit(cache=True, nogil=True)
@@ -961,6 +1108,19 @@ def _joined(
     return parent
 
 
+def _has_segments(group: NDArray, seen_in: _SeenIn) -> NDArray:
+    """Return whether groups have segments of their own, bool [units]; ``group`` is that of each part, int64 [units].
+
+    What frames saw of a group lies mostly in segments of which no other group has more. What lies mostly in those of
+    others is a part of them that no evidence tied to one of them, as masks wander from one to the next.
+    """
+    part, segment, nodes = seen_in
+    of = group[part]
+    segments, host, _ = majority(segment, of, nodes.astype(np.int64))
+    own = np.where(host[np.searchsorted(segments, segment)] == of, nodes, -nodes)
+    return np.bincount(of, own, len(group)) >= 0.0
+
+
 def _with_most_evidence(parent: NDArray, tops: int, pooled: _Evidence, least: float) -> NDArray:
     """Leave each group that is tied to an object of the map to the one that most evidence ties it to.
 
@@ -1019,7 +1179,8 @@ def _hidden(
     for members in np.split(order, np.cumsum(np.bincount(at))[:-1]) if len(numbers) else ():
         cells = np.unique(cell[members])
         group = int(numbers[at[members[0]]])
-        if len(cells) < settings.min_cells or (groups.frames[group] < _MIN_FRAMES and not settings.exact):
+        glimpsed = groups.frames[group] < _MIN_FRAMES and not settings.exact
+        if len(cells) < settings.min_cells or glimpsed or not groups.apart[group]:
             continue
         run = _as_runs(cell[members], steps[members], np.zeros(len(members), np.int32), lowest)
         name = grid.labels[label[members[0]]]

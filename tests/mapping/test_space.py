@@ -22,7 +22,7 @@ from simaps_viz.mapping.file import load_map, save_map
 from simaps_viz.mapping.finalize import SequenceFacts, map_so_far
 from simaps_viz.mapping.pooling import PoolSettings
 from simaps_viz.mapping.simap import recommunity, repartition
-from simaps_viz.mapping.space import SpaceSettings, _join, _pairs, _summed
+from simaps_viz.mapping.space import SpaceSettings, _count_across, _counted, _join, _meetings, _pairs, _summed
 from simaps_viz.mapping.steps import pack_step, unpack_step
 from simaps_viz.mapping.surface import coded_colors, decoded_colors
 
@@ -251,6 +251,74 @@ def test_two_books_that_touch_and_are_seen_apart_stay_two():
     assert boxes(map_of_columns(steps), "book") == [(2, 5, 2, 7, 4, 8), (2, 5, 2, 7, 10, 14)]
 
 
+@pytest.mark.parametrize("shared", [0, 1])
+def test_a_book_on_a_book_is_two(shared):
+    """Seen from two sides, so that each cell holds both; they meet in one step, or in two that follow each other."""
+    sides = [(row, col) for row in range(2, 8) for col in range(2, 8) if row in (2, 7) or col in (2, 7)]
+    steps = []
+    for index in range(8):
+        books = [(row, col, 2, 4, 8) for row, col in sides] + [(row, col, 3, 9 - shared, 13) for row, col in sides]
+        steps.append(frame(index, books + block(range(3, 7), range(3, 7), 3, 13, 13), {2: "book", 3: "book"}))
+    simap = map_of_columns(steps)
+    assert simap.counts() == {"book": 1} and [one.label for one in simap.hidden] == ["book"]
+    assert boxes(simap, "book") == [(2, 7, 2, 7, 4, 8), (2, 7, 2, 7, 9, 13)]
+
+
+def test_a_book_in_two_pieces_at_another_height_in_every_frame_is_one():
+    """As where two things stand side by side in a cell, or a mask is cut at random: they do not meet at one height."""
+    steps = []
+    for index in range(24):
+        cut = 5 + index % 8
+        pieces = boards(block(range(2, 6), range(2, 8), 2, 4, cut) + block(range(2, 6), range(2, 8), 3, cut + 1, 14))
+        steps.append(frame(index, pieces, {1: "table", 2: "book", 3: "book"}))
+    assert boxes(map_of_columns(steps), "book") == [(2, 5, 2, 7, 4, 14)]
+
+
+def test_what_never_has_a_segment_of_its_own_is_no_object():
+    """Under a table, a book's cover that masks give to one of two chairs by turns, each as often as the other."""
+    table, cover = block(range(8), range(8, 16), 1, 20, 20), block(range(2, 6), range(10, 14), 2, 4, 8)
+    labels = {1: "table", 2: "chair", 3: "chair"}
+    steps, alone = [frame(0, table, labels)], [frame(0, table, labels)]
+    for index in range(1, 25):
+        chairs = block(range(8), range(7), 2, 8, 17) + block(range(8), range(17, 24), 3, 8, 17)
+        mine = 2 + index % 2
+        steps.append(frame(index, chairs + [(r, c, mine, low, high) for r, c, _, low, high in cover], labels))
+        alone.append(
+            frame(index, chairs + [(r, c, 4, low, high) for r, c, _, low, high in cover], {**labels, 4: "chair"})
+        )
+    assert [one.label for one in map_of_columns(alone).hidden] == ["chair"]
+    simap = map_of_columns(steps)
+    assert not simap.hidden and simap.counts() == {"chair": 2, "table": 1}
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 2), st.integers(0, 2), st.integers(0, 3), st.integers(-4, 8), st.integers(0, 5)))
+)
+def test_where_segments_meet_and_one_reaches_across_is_the_twins(runs):
+    """Cell, class (0 is no thing), segment, first step and length of each run; -3 is the lowest step that is kept."""
+    runs = sorted((cell, kind, 4 * kind + segment, low, low + more) for cell, kind, segment, low, more in runs)
+    cell, label, segment, low, high = (np.array(part) for part in (zip(*runs, strict=True) if runs else [[]] * 5))
+    cell, label, segment = cell.astype(np.int32), label.astype(np.int16), segment.astype(np.int32)
+    low, high = low.astype(np.int8), high.astype(np.int8)
+    expected = Counter()
+    for c, kind, one, bottom, top in runs:
+        above = [
+            first for d, other, two, first, last in runs
+            if kind and (d, other) == (c, kind) and two != one and first > bottom and first >= top and last > top
+        ]  # fmt: skip
+        expected.update((c, kind, step) for step in range(max(top, -3), min(above, default=-9) + 1))
+    found = _meetings(cell, label, segment, low, high, -3, np.array([False, True, True]))
+    place, met = _counted(np.zeros(0, np.int64), np.zeros(0, np.int64), [found])
+    names = [(int(n) >> 21, int(n) >> 6 & 32767, (int(n) & 63) - 3) for n in place]
+    assert dict(zip(names, met.tolist(), strict=True)) == expected
+    across = np.zeros(len(place), np.int32)
+    _count_across(cell, label, low, high, -3, np.ones(3, np.bool_), place, across)
+    assert across.tolist() == [
+        sum((c, kind) == (d, other) and bottom < step < top for d, other, _, bottom, top in runs)
+        for c, kind, step in names
+    ]
+
+
 def test_a_remnant_belongs_to_what_it_touches():
     """Four cells of a book's top that no frame shows with the rest of it."""
     book, remnant = block(range(2, 6), range(2, 8), 2, 4, 8), block(range(2, 4), range(2, 4), 3, 10, 11)
@@ -285,7 +353,7 @@ def test_what_a_frame_says_of_two_parts_is_the_twins(seen, tops):
     part, segment = (np.array(column, np.int32) for column in zip(*seen, strict=True))
     nodes_of = np.full(7, 40)
     place = np.full(7, -1, np.int32)
-    parts, ends, evidence = _pairs(part, segment, (part % 2).astype(np.int16), nodes_of, tops, place)
+    parts, segments, nodes, ends, evidence = _pairs(part, segment, (part % 2).astype(np.int16), nodes_of, tops, place)
     expected = []
     for a, b in combinations(sorted(set(part.tolist())), 2):
         if a % 2 != b % 2 or b < tops:
@@ -294,7 +362,8 @@ def test_what_a_frame_says_of_two_parts_is_the_twins(seen, tops):
         agree = np.mean(mine[:, None] == other)
         weight = min(len(mine), len(other)) * (min(len(mine), len(other)) / 40 if a >= tops else 1.0)
         expected.append([a, b, agree * weight, (1 - agree) * weight])
-    assert parts.tolist() == sorted(set(part.tolist()))
+    seen_in = {(a, s): n for a, s, n in zip(parts.tolist(), segments.tolist(), nodes.tolist(), strict=True)}
+    assert len(seen_in) == len(parts) and seen_in == Counter(zip(part.tolist(), segment.tolist(), strict=True))
     assert np.hstack([ends, evidence]) == pytest.approx(np.array(expected).reshape(-1, 4))
     assert (place == -1).all()
 
