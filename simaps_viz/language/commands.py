@@ -187,20 +187,22 @@ def _refers(sentence: Sentence) -> bool:
     )
 
 
+_TO_DO: Final = re.compile(r"\b(?:(?:have|has|need|needs|want|wants|got|like) to|must|should|ought)\b")
+"""What says that something is to be done."""
 _LACKING: Final = re.compile(
-    r"^\W*(?:(?:[\w']+ ){0,6}?(?:i|we|me) (?:\w+ly |really |just |quite |so )*"
-    r"(?:want|need|would|could|fancy|have|must|feel|am|are|should|got|crave|buy|bought|brought)|"
+    r"^\W*(?:(?:[\w']+ ){0,6}?(?:i|we|me|he|she|they) (?:\w+ly |really |just |quite |so )*"
+    r"(?:wants?|needs?|would|could|fancy|have|must|feel|am|are|should|got|crave|buy|bought|brought)|"
     r"(?:my|our|this|these|the)(?: \w+){1,3} (?:wants?|needs?|must|ought to|has to|have to|is|are))\b"
     r"|^\W*(?:must|time to) |^\W*\w+ (?:break|time)\W*$"
 )
 """How a clause begins that says what somebody wants, or what has to be done with a thing."""
 _LED: Final = re.compile(
-    r"\W*(?:quick|quickly|now|fast|hurry|urgently|please)\W*$|\W*(?:(?:and|so|then|please|can you|could you|you) )*"
-    r"(?:(?:let us |lets )?go|come|take|bring|show|lead|drive|guide|have|head|pop)\b"
-    r"(?: (?:me|us|it|this|them|on|over|to|and|there|then|where|the|a|right|best|proper|spot|place|one|i|we|you|can|"
-    r"could|do|that|is|so|made|look|see|check|investigate|belongs?|goes|wash|way|somewhere|for|please|now|yourself|have|take|find|out))*\W*$"
+    r"\W*(?:quick|quickly|now|fast|hurry|urgently|please)\W*$|"
+    r"\W*(?:(?:and|so|then|please|now|do|just|kindly|(?:can|could|would|will) you|you) )*"
+    r"(?:(?:let us |lets )?go|come|take|bring|show|lead|drive|guide|accompany|escort|walk|point|help|get|have|"
+    r"head|pop)\b"
 )
-"""A clause that only sends the robot to where that is done, or to what was spoken of: "take me to the right spot"."""
+"""A clause that sends the robot, or who speaks, somewhere: "take me to the right spot", "... where I can warm it"."""
 _WHERE: Final = re.compile(
     r"\b(?:for|in|on|at|near|by|under|next to|behind|beside|from|inside)\b (?=(?:the|my|our|one)\b)"
 )
@@ -215,41 +217,56 @@ _ASKED: Final = re.compile(
 """A clause that asks where that is done: "where can I heat it?", "is there something I could put them up on?"."""
 
 
-_SENT: Final = re.compile(
-    r"\W*(?:(?:so|and|then|please|now) )*(?:take|bring|lead|drive|guide|show|walk|go|point|help) (?:me |us |it |this |"
-    r"them )?(?:over )?(?:to )?(?:(?:some(?:where|thing)|anywhere|where(?:ver)?|whatever)\b(?! (?:you|it|the|my)\b)"
-    r"|(?:an?|the|some) (?:\w+ )?(?:place|spot|thing) (?:to|where|i|we|for|that|which)\b)"
+_WHERE_ASKED: Final = re.compile(r"\W*(?:(?:so|and|but|then) )*where (?:do|does|can|could|should|would|might|may)\b")
+_NOT_THAT: Final = re.compile(r"\W*(?:(?:and|but|just|only) )*(?:not|nor|(?:i|we) (?:am|are) not (?:\w+ing))\b")
+"""A clause that says what is not wanted: "not one of those hard chairs"."""
+_LEADS: Final = re.compile(
+    r"\d|\b(?:left|right(?! (?:place|spot|thing|one|device|machine|room)\b)|north|south|east|west|met(?:re|er)s?|round|"
+    r"around|back)\b"
 )
-"""A clause that sends the robot to where something can be done: "take me somewhere I can heat it"."""
-
-
-_EXCLAIMED: Final = re.compile(r"\W*(?:oh my \w+|oh no|oh dear|dear me|my \w+ness|what an? [\w ]+|\w{1,4})?\W*")
+"""Words that say where to drive."""
+_OPENLY: Final = re.compile(
+    r"\b(?:where(?:ver)?|what(?:ever)?|which|(?:some|any)(?:where|thing)|place|spot|thing|device|machine|seat|way)\b"
+)
+"""Words for a thing that is told by what it is for."""
+_NAMELESS: Final = re.compile(r"person|thing|place\b|soft seat")
+"""Classes that name nothing on a map."""
+_EXCLAIMED: Final = re.compile(
+    r"\W*(?:oh my \w+|oh no|oh dear|dear me|my \w+ness|what an? [\w ]+|\w{1,4}|"
+    r"my (?:\w+ ){0,2}(?:feet|legs|back|head|bones)|"
+    r"(?:(?:and|then|so) )*(?:i|we) (?:will |shall )?follow(?: you)?)?\W*"
+)
 """A clause that says nothing, or only how somebody feels: "ew," or "oh my goodness,"."""
 
 
 def _need(text: str, vocabulary: Vocabulary) -> Reading:
     """Read what somebody needs by what is spoken of: "my shirt is filthy, take me to where I can wash it"."""
     said = [one for one in clauses(plainly(text)) if not _EXCLAIMED.fullmatch(one)]
-    asked = [clause for clause in said if _ASKED.match(clause) and text.rstrip().endswith("?")]
-    sent = [clause for clause in said if _SENT.match(clause) and not _LED.match(clause)]
-    wishes = [clause for clause in said if not _LED.match(clause) and clause not in (*asked, *sent)]
-    more = all(re.match(r"\W*(?:(?:and|so|but) )*(?:they|it|i|we|must)\b", clause) for clause in wishes[1:])
+    asked = [one for one in said if _ASKED.match(one) and (text.rstrip().endswith("?") or _WHERE_ASKED.match(one))]
+    sent = [one for one in said if _sends(one, vocabulary)]
+    not_ = [one for one in said if _NOT_THAT.match(one)]
+    wishes = [one for one in said if one not in (*asked, *sent, *not_)]
+    more = all(re.match(r"\W*(?:(?:and|so|but) )*(?:they|it|i|we|he|she|must)\b", clause) for clause in wishes[1:])
     # "the baby kept me up all night, I want to lie down": what is told before the wish says why
     told = len(wishes) > 1 and is_statement(wishes[0], names_things=False)
-    lacking = (wishes and _LACKING.match(wishes[0])) or (told and _LACKING.match(wishes[-1]))
+    lacking = (wishes and _LACKING.match(wishes[0])) or ((told or sent) and wishes and _LACKING.match(wishes[-1]))
     spoken, meant = " ".join([*wishes, *asked, *sent]), " ".join([*asked, *sent])
+    kind = next((kind for kind, pattern in LACKS.items() if pattern.search(meant)), "") if _OPENLY.search(meant) else ""
     if (
-        not (asked or sent or (wishes and more and lacking))
+        not (asked or kind or (wishes and more and lacking))
         or re.search(r"\b(?:not|never|n['’]t|if|unless)\b", spoken)
         or re.search(r"\?|\byou\b", " ".join(wish for wish in wishes if not wish.startswith("so ")))
-        or any(_names_known(read_words(clause, vocabulary)) for clause in (*asked, *sent))
+        or any(_names_known(read_words(clause, vocabulary)) for clause in asked)
     ):
         raise CommandError("")
-    kind = next((kind for kind, pattern in LACKS.items() if pattern.search(meant)), "")
-    kind = kind or next((kind for kind, pattern in LACKS.items() if pattern.search(spoken)), "")
+    if not kind or re.search(r"\b(?:it|them|this|that)\b", meant):  # "my shirt is filthy, ... where I can wash it"
+        kind = next((kind for kind, pattern in LACKS.items() if pattern.search(spoken)), "")
     noun = vocabulary.noun(kind) if kind else None
     if noun is None or not noun.known or noun.count == 0:
         raise CommandError("")
+    for here in (here for one in not_ for here in read_words(one, vocabulary).edges):
+        if any(isinstance(edge.value, Noun) and quoted(edge.value.label) in select(noun, ()).text for edge in here):
+            raise CommandError("")  # "something to sit on, but not the couch"
     place = select(noun, ())
     if asked and not sent:  # a question moves nothing
         step = Do(('tell({0.text}, "where")',), (replace(place, text=place.single, many=False),))
@@ -259,16 +276,28 @@ def _need(text: str, vocabulary: Vocabulary) -> Reading:
     return Reading(Writer().write((step,)), (f'"{brief}" is read as the wish for a {kind}',))
 
 
+def _sends(clause: str, vocabulary: Vocabulary) -> bool:
+    """Whether a clause sends the robot where its own words do not name: not "go to the sofa", not "go left"."""
+    if not _LED.match(clause):
+        return False
+    sentence = read_words(clause, vocabulary)
+    named = [edge.value for here in sentence.edges for edge in here if edge.kind in ("NOUN", "NOUNS", "ROOMKIND")]
+    told = [one for one in named if not isinstance(one, Noun) or not _NAMELESS.match(one.spoken or one.label)]
+    return not (_LEADS.search(clause) or told) and not (
+        len(sentence.words) > 3 and sentence.unknown and not _OPENLY.search(clause)
+    )
+
+
 def _names_known(sentence: Sentence) -> bool:
     """Whether a sentence names a thing of the map."""
     named = (edge.value for here in sentence.edges for edge in here if edge.kind in ("NOUN", "NOUNS"))
-    return any(n.known and n.label not in ("person", "thing") and not n.label.startswith("place") for n in named)
+    return any(n.known and not _NAMELESS.match(n.label) for n in named)
 
 
 def _there(text: str, vocabulary: Vocabulary) -> Reading:
     """Read "the milk ought to be in the fridge, let us go and see": to where the first clause says that it is."""
     said = [clause for clause in clauses(plainly(text)) if re.search(r"\w", clause)]
-    if len(said) != 2 or not _LED.match(said[1]) or _LED.match(said[0]):
+    if len(said) != 2 or not _sends(said[1], vocabulary) or _LED.match(said[0]):
         raise CommandError("")
     where = _WHERE.search(said[0])
     if where is None or re.search(
@@ -401,6 +430,8 @@ class _Aside:
             for clause in self.sentences:
                 if _tells_apart(clause, reading.program):
                     raise CommandError(f'"{" ".join(clause.words)}"')
+        if any(_is_step(clause, reading.program) for clause in self.sentences):
+            raise CommandError("")
         notes = [f'"{_in_brief(one)}" is left out: it names nothing to do' for one in self.left_out]
         return replace(reading, notes=(*notes, *reading.notes))
 
@@ -422,6 +453,17 @@ def _tells_apart(clause: Sentence, program: str) -> bool:
         back |= at < 2 and clause.words[at] in ("it", "they", "that", "this", "these", "those") and "IT" in kinds
         before = kinds
     return False
+
+
+def _is_step(clause: Sentence, program: str) -> bool:
+    """Whether a clause says of a thing that the program lacks that it is meant, not meant, or comes next."""
+    kinds = [{edge.kind for edge in here} for here in clause.edges[:-1]]
+    while kinds and kinds[-1] <= {"STOP", "COMMA"}:
+        kinds.pop()
+    if not kinds or not (kinds[0] & {"NOWAIT", "AVOID"} or kinds[-1] & {"AFTER", "THEN", "LASTLY", "ORD"}):
+        return False
+    nouns = [edge.value for here in clause.edges for edge in here if edge.kind in ("NOUN", "NOUNS")]
+    return any(one.known and not _is_place_or_in(one, program) for one in nouns)
 
 
 def _is_place_or_in(value: object, program: str) -> bool:
@@ -487,6 +529,13 @@ def _without(
         for clause, out, after, kept in zip(said, dropped, sentences[1:], dropped[1:], strict=False)
         if not kept
     )  # "the backpack was on the floor, near the table" is one thing told
+    torn |= any(
+        out
+        and not kept
+        and _TO_DO.search(clause)
+        and re.match(r"\W*(?:and |but )*(?:then|after that|afterwards)\b", after)
+        for clause, after, out, kept in zip(said, said[1:], dropped, dropped[1:], strict=False)
+    )  # "I have to print something, after that I need a coffee": the first of two steps
     left = _carried(said, sentences, dropped, vocabulary) if (short or any(dropped)) and not torn else None
     if left and left.strip():
         left = _JOINED.sub("", left)
@@ -743,6 +792,8 @@ class _Mention:
     """The line that names it first."""
     needs: "tuple[_Mention, ...]" = ()
     """What its phrase refers to by a variable."""
+    absent: bool = False
+    """Whether there is none where it is spoken of again."""
     first: "_Line | None" = None
     """The line before which it gets its variable, where that is an earlier one."""
 
@@ -824,6 +875,8 @@ class Writer:
                     for line, inner in ((f"if {test}:", then), ("else:", otherwise)):
                         if inner:
                             lines.append(_Line(line, mentions, before=first))
+                            for one in mentions:
+                                one.absent = test.endswith("== 0") and inner is then
                             self._last = (*first, *mentions, self._last)[0]
                             self._add(inner, lines[-1].body)
 
@@ -937,6 +990,8 @@ class Writer:
             for inner in one.phrase.inner:
                 if inner.base == base or f" {inner.word}".endswith(f" {word}"):
                     things = inner.whole or inner.text
+                    if one.absent:  # "unless there is a dog on the sofa, go to that sofa"
+                        return self._new(inner)
                     within = f"having({things}, {self._name_of(one)})"
                     return self._new(replace(inner, base=things, text=within, whole="", many=False))
         if not lone:

@@ -1024,10 +1024,11 @@ def _added(relation: Parts) -> Parts:
     return relation
 
 
-@_rule("post", "COMMA (IT IS)? DET adjective (ONE | !(NOUN | NOUNS | ONES | WORD)) post*", cost=0.1)
-def _the_red_one(adjective: Parts, post: Sequence[Parts] = ()) -> Parts:
+@_rule("post", "COMMA (IT IS)? DET adjective (one:ONE | !(NOUN | NOUNS | ONES | WORD)) post*", cost=0.1)
+def _the_red_one(adjective: Parts, post: Sequence[Parts] = (), one: float = 0) -> Parts:
     """Read "the box under the bench, the red one": a list where another colour was said before."""
-    return (*(replace(part, number=1, outer=part.text.startswith("colored(")) for part in adjective), *_flat(post))
+    said = (replace(part, number=1, outer=part.text.startswith("colored(")) for part in adjective)
+    return (*said, *_flat(post), *((Part("single"),) if one else ()))
 
 
 @_rule(
@@ -1233,6 +1234,8 @@ def _most(key: str, np: Phrase) -> Parts:
 
 @_rule("relation", "WITHOUT np _on_it?", "WHERE NUMBER np IS+", "WITH NEITHER np NOR more:np _on_it?")
 def _without(np: Phrase, more: Phrase | None = None) -> Parts:
+    if np.base == ONE and not more:  # "the books without the ones on shelves"
+        return _except((np,))
     return tuple(p for one in (np, more) if one for p in _filter(f"without({{}}, {one.argument})", one))
 
 

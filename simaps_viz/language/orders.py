@@ -219,9 +219,11 @@ def _go_by() -> Steps:
     return _go_to((Phrase(IT, "", "thing", any=True),))
 
 
-@_rule("order", "PLACE (AT | ON | IN | BY | TO)* targets !ASKED", cost=0.1)
-def _want_to_use(targets: tuple[Phrase, ...]) -> Steps:
-    """Read "I'd love to sit on one of the chairs": where it is done was said."""
+@_rule("order", "place:PLACE (AT | ON | IN | BY | TO)* targets !ASKED", cost=0.1)
+def _want_to_use(place: Noun, targets: tuple[Phrase, ...]) -> Steps:
+    """Read "I'd love to sit on one of the chairs", or in which room: "... to watch tv in the bedroom"."""
+    if len(targets) == 1 and targets[0].is_room:
+        return _go_to((select(place, (Part("filter", f"inside({{}}, {targets[0].text})", phrase=targets[0]),)),))
     return _go_to(targets)
 
 
@@ -739,9 +741,11 @@ def _wait(whole: int) -> Steps:
     return (Do(("robot.turn(0)",), notes=("the robot stops there; how long it waits is not simulated",)),)
 
 
+@_rule("order", "_turning AROUND? times (COMMA | STOP)* way", "_whole times? (COMMA | STOP)* way", cost=-0.3)
 @_rule("order", "_turning times")
-def _turn_times(times: int) -> Steps:
-    return (Repeat(times, _turn_fully()),)
+def _turn_times(times: int = 1, way: str = "") -> Steps:
+    """Read "spin round three times", "spin round once, to the right"."""
+    return (Repeat(times, _turn_fully(way)),) if times > 1 else _turn_fully(way)
 
 
 _words("_whole", "CIRCLE | FULL (CIRCLE | TURN | SPIN) | SPIN | FULL _lateral TURN")
@@ -1308,6 +1312,16 @@ def _are_you_nearer(a: Phrase, b: Phrase, compared: str = "near") -> Steps:
     return (Do((f'tell(distance({{0.argument}}) {sign} distance({{1.argument}}), "whether")',), phrases),)
 
 
+@_rule("question", "IS a:np (compared | NEAR) (TO | FROM)? c:np THAN (TO | FROM)? b:np IS?", cost=-0.4)
+def _nearer_than(a: Phrase, b: Phrase, c: Phrase, compared: str = "near") -> Steps:
+    """Read "is the cake farther from the fridge than the toaster?"."""
+    if compared not in ("near", "far"):
+        raise CommandError("")
+    sign, phrases = "<" if compared == "near" else ">", tuple(replace(one, many=False) for one in (a, c, b))
+    test = f"distance({{0.argument}}, {{1.argument}}) {sign} distance({{2.argument}}, {{1.argument}})"
+    return (Do((f'tell({test}, "whether")',), phrases),)
+
+
 @_rule("question", "IS a:np compared (FROM? HERE)? THAN b:np IS?", cost=-0.3)
 def _compare(a: Phrase, compared: str, b: Phrase) -> Steps:
     line = f'tell({{0.text}}, "compare", {{1.argument}}, "{compared}")'
@@ -1850,9 +1864,11 @@ def _endlessly(order: Steps) -> Steps:
 
 
 @_rule("item", "ORD COMMA? question", cost=0.2)
-@_rule("item", "PLACE (COMMA | STOP | AND | SO)+ question", cost=-0.5)
-def _numbered_question(question: Steps, **_: Noun) -> Steps:
+@_rule("item", "place:PLACE (COMMA | STOP | AND | SO)+ question", cost=-0.5)
+def _numbered_question(question: Steps, place: Noun | None = None) -> Steps:
     """Read "first, how many chairs are there?", "I'm worn out, where is the bed?": the wish says why."""
+    if place and any(IT in one.text for step in question if isinstance(step, Do) for one in step.phrases):
+        return _taken_from(question, found := select(place, ()), found)
     return question
 
 
@@ -1900,7 +1916,13 @@ def _if_stop_there(condition: Condition, said: str, b: Steps) -> Steps:
 @_rule("logical", "condition:if ((COMMA | STOP? THEN)+ | &_verb) a:body (_mayhap OTHERWISE COMMA? b:body)?", cost=-0.2)
 @_rule("logical", "condition:if ((COMMA | THEN)+ | &_verb) a:items (_mayhap OTHERWISE COMMA? b:items)?")
 def _if(condition: Condition, a: Steps, b: Steps = ()) -> Steps:
-    return (Choose(*condition, a, b),)
+    """Read "if there is a dog go to it, and if there is none, go to the tv": one beside the other."""
+    inner = a[0]
+    alone = not b and len(a) == 1 and isinstance(inner, Choose) and bool(inner.otherwise) and not inner.after
+    if alone and isinstance(inner, Choose) and inner.phrases[0].base == condition[1][0].base:
+        return (Choose(*condition, inner.then, inner.otherwise),)
+    more = next((at for at, step in enumerate(a) if at and isinstance(step, Choose) and not step.after), len(a))
+    return (Choose(*condition, a[:more], b), *a[more:]) if not b else (Choose(*condition, a, b),)
 
 
 @_rule(
@@ -2115,6 +2137,22 @@ def _of_declared(topic: Phrase, b: Steps = (), aside: Steps = ()) -> Steps:
     return (Do((), (replace(topic, base=topic.whole or topic.text),)), *(b or aside))
 
 
+@_rule("logical", "topic:np stop:STOP b:items", cost=-0.3)
+def _headed(topic: Phrase, stop: str, b: Steps) -> Steps:
+    """Read "the appliances: oven, fridge, then the sink", "the yellow things: both armchairs": each as it is named."""
+    named = [one for step in b if isinstance(step, Do) for one in step.phrases]
+    alone = len(named) == len(b) and not any("‹" in one.text for one in named)
+    if (
+        stop != ":"
+        or not (topic.many or "anything" in topic.base)
+        or topic.free
+        or not alone
+        or not (len(b) > 1 or "anything" in topic.base)
+    ):
+        raise CommandError("")
+    return b
+
+
 _rule("not_that", "(NOT IT | NOT THAT | NOWAIT) (COMMA | STOP)+")(lambda: "not that")
 
 
@@ -2153,6 +2191,14 @@ def _not_but(b: Steps, topic: Phrase, more: Sequence[Phrase] = ()) -> Steps:
         named = [phrase.base for one in b if isinstance(one, Do) for phrase in one.phrases]
         if named and not {ONE, SAME, topic.base} & {*named}:  # "not the sofa, the table"
             return b
+    first = b[0]
+    if (
+        not more
+        and isinstance(first, Do)
+        and [LAST in p.text and p.base == topic.base for p in first.phrases] == [True]
+    ):
+        other = first.phrases[0]  # "not the sofa with the bear, the other sofa"
+        return (replace(first, phrases=(replace(other, text=other.text.replace(LAST, topic.single)),)), *b[1:])
     for one in more:
         topic = replace(topic, base=f"minus({topic.base}, {one.text.replace(ONE, topic.base)})")
     return _taken_from(b, topic, replace(topic, base=f"minus({topic.base}, {topic.single})"))
@@ -2345,7 +2391,7 @@ def _so_many_times(items: Steps, n: int = 0, times: int = 0) -> Steps:
 )
 def _keeping_away(avoided: Steps, a: Steps = (), b: Steps = ()) -> Steps:
     """Read "go to the couch, but keep away from the table"."""
-    if not a and not b:
+    if (not a and not b) or all(isinstance(step, Do) and _kind(step) == "tell" for step in (*a, *b)):
         raise CommandError("")
     return (*avoided, *a, *b)
 

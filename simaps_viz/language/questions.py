@@ -45,6 +45,9 @@ _PREPOSITIONS: Final = frozenset(
 _OPEN: Final = (("which",), ("what",))
 _GENERAL: Final = frozenset(["", "EXIST", "WHAT"])
 _ARTICLES: Final = frozenset(["the", "a", "an", "any", "some", "all", "my", "our", "your", "these", "those", "of"])
+_EACH: Final = frozenset(["every", "each", "both"])
+_SOMEWHERE: Final = frozenset(["somewhere", "anywhere", "place", "spot", "seat"])
+"""What "where" after it only tells of: "somewhere soft where I can sit"."""
 _INDEFINITE: Final = frozenset(["a", "an", "any", "some", "another"])
 
 
@@ -57,6 +60,8 @@ def plain_question(sentence: Sentence) -> str:
     while at < len(words):
         # What is asked: of two things one is the more exact, or the sentence is none of these questions.
         kind, end = _asks(sentence, at)
+        if kind == "WHERE" and not _SOMEWHERE.isdisjoint(words[:at]):
+            return ""
         if kind:
             if not {asked, kind} & _GENERAL and asked != kind:
                 return ""
@@ -102,7 +107,7 @@ def _is_light(sentence: Sentence, at: int, asked: str) -> bool:
         word in _LIGHT
         or not word.isalnum()
         or any(edge.kind == "IS" for edge in sentence.edges[at])
-        or (word in _PUTTING and "did" in words)
+        or (word in _PUTTING and not {"did", "map"}.isdisjoint(words))
         or (word == "out" and before in ("find", "figure", "work", "make", "point"))
         or (word == "one" and words[at + 1 : at + 2] in _FINDING)
     )
@@ -142,7 +147,7 @@ def _put(asked: str, things: list[str], places: list[str]) -> str:
     if not asked or len(things) != (asked != "WHAT") or (asked == "WHAT" and not places):
         return ""
     first, *more = things[0].split() if things else [""]
-    if asked == "EXIST" and first in _ARTICLES - _INDEFINITE:
+    if asked == "EXIST" and first in (_ARTICLES - _INDEFINITE) | _EACH:
         return ""
     bare = " ".join(more) if asked == "HOWMANY" and first in _ARTICLES else " ".join([first, *more])
     return _PUT_AS[asked].format(" ".join([bare, *places]).strip())

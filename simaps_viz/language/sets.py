@@ -205,11 +205,7 @@ class Sets(Grounding):
         return tuple(rooms[k] for k in sorted(range(len(rooms)), key=lambda k: (far[k], rooms[k].id)))
 
     def _here(self) -> Room:
-        self._all_rooms()
-        room = self.simap.room_at(self.viewer.x_m, self.viewer.y_m)
-        if room is None:
-            raise CommandError("You are in no room of this map.")
-        return room
+        return self.simap.room_at(self.viewer.x_m, self.viewer.y_m) or self._by_distance(self._all_rooms())[0]
 
     def _cells_of_room(self, room: Room) -> NDArray:
         """Return the centres of a room's cells, float64 [n, 2]."""

@@ -1311,3 +1311,49 @@ def test_what_is_left_out_around_an_order_is_noted() -> None:
     notes = read_command("Young scholar, would you come and keep me company by the couch?", AROUND).notes
     assert any(note.startswith('"young scholar" is left out') for note in notes)
     assert any("company" in note and "left out" in note for note in notes)
+
+
+OFFICE_LABELS = {"chair": 4, "couch": 2, "refrigerator": 1, "microwave": 1, "toaster": 1, "coffee machine": 1, "tv": 2}
+
+
+@pytest.mark.parametrize(
+    ("said", "program"),
+    [
+        ("did a sofa make it into this reconstruction?", 'tell(things("couch"), "whether")'),
+        ("how many couches did the segmentation come up with?", 'tell(things("couch"), "count")'),
+        ("in which room does your map put the fridge?", 'tell(things("refrigerator"), "room")'),
+        ("we haven't got a microwave in here, have we?", 'tell(inside(things("microwave"), ""), "whether")'),
+        ("microwave in here, yes or no?", 'tell(inside(things("microwave"), ""), "whether")'),
+        ("which couches are in here, read me the list", 'tell(inside(things("couch"), ""), "list")'),
+        ("the toaster, wherever might it be?", 'tell(things("toaster"), "where")'),
+        (
+            "does the toaster stand further from the fridge than the microwave does?",
+            'tell(distance("toaster", "refrigerator") > distance("microwave", "refrigerator"), "whether")',
+        ),
+        (
+            "if there's a toaster go to it, and if there's a couch go to the fridge",
+            'toaster = things("toaster")\nif count(toaster) > 0:\n    robot.move_to_object(toaster)\n'
+            'if count(things("couch")) > 0:\n    robot.move_to_object("refrigerator")',
+        ),
+        ("spin all the way round one time, to the left", "robot.turn(-360)"),
+        ("this insulin must be stored cold. Drive ahead to the right place.", 'robot.move_to_object("refrigerator")'),
+        ("her soup became cold, take her to the thing where she can warm it", 'robot.move_to_object("microwave")'),
+    ],
+)
+def test_words_around_what_is_asked_or_needed_leave_its_sense(said: str, program: str) -> None:
+    assert read_command(said, OFFICE_LABELS).program == program
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        "look at the toaster; the fridge can come after",
+        "I have got to toast something, after that I need a coffee",
+        "plan a path to the fridge, never come within half a metre of the couch",
+        "go sit by the fireplace over there, let's get cosy",
+    ],
+)
+def test_no_part_of_what_is_to_be_done_is_dropped(said: str) -> None:
+    with suppress(CommandError):
+        program = read_command(said, OFFICE_LABELS).program
+        assert "search(" in program or ("refrigerator" in program and "toaster" in program), program
