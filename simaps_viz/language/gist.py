@@ -156,7 +156,11 @@ def gist(sentence: Sentence) -> str:
         short = Sentence(words, edges, ())
         strange, end = set(short.unknown), len(words)
         known = [
-            tuple(e for e in here if e.kind != "CLAUSE" and not (e.kind == "WORD" and words[at] in strange))
+            tuple(
+                e
+                for e in here
+                if e.end <= end and e.kind != "CLAUSE" and not (e.kind == "WORD" and words[at] in strange)
+            )
             for at, here in enumerate(edges)
         ]
         chart = Chart(GRAMMAR, known)

@@ -112,11 +112,10 @@ def _nothing(found: Things, kind: str) -> Told:
 
 
 def _number(sets: "Sets", found: Things, where: str = "") -> tuple[str, int]:
-    """Return how many there are in words, the doubtful counted apart, and as a number; all where all are doubtful."""
-    doubtful = sum(thing.id in sets.simap.doubtful for thing in found.items)
-    n = len(found) - doubtful or len(found)
-    some = "all" if doubtful == len(found) else f"{doubtful} more"
-    more = f", {some} doubtful" if doubtful and len(found) > 1 else ""
+    """Return how many there are in words, with how many of them are doubtful, and as a number."""
+    n, doubtful = len(found), sum(thing.id in sets.simap.doubtful for thing in found.items)
+    some = "all" if doubtful == n else f"{doubtful}"
+    more = f", {some} of them doubtful" if doubtful and n > 1 else ""
     return f"{'is' if n == 1 else 'are'} {found.number(n)}{where}{more}", n
 
 

@@ -216,6 +216,13 @@ def test_there_are_enough_phrases() -> None:
     assert len({said for said, _, _ in ALL}) == len(ALL) >= 80
 
 
+def test_a_word_that_takes_in_the_full_stop_is_no_traceback() -> None:
+    read = read_command("Chair that's closest to the table, there you wait.", LABELS)
+    assert read.program.startswith('robot.move_to_object(nearest(things("chair"), 1, nearest(things("dining table"))))')
+    with pytest.raises(CommandError, match="jacket"):
+        read_command("Straight to the table. Wait, no: couch first, my jacket, and only then the table.", LABELS)
+
+
 @pytest.mark.parametrize(
     ("said", "words"),
     [
