@@ -17,6 +17,7 @@ from typing import Final, NoReturn
 
 from simaps_viz.errors import CommandError, PlanningError
 from simaps_viz.language.primitives import ARGUMENT_KINDS, CHOICES, FUNCTIONS, PRIMITIVES, Parameter, Primitive
+from simaps_viz.structures import Pose2
 
 MAX_SOURCE: Final = 10_000
 """Characters of a program."""
@@ -86,6 +87,7 @@ class ProgramError(CommandError):
     def __init__(self, line: int, primitive: str | None, message: str) -> None:
         super().__init__(located(line, primitive, message))
         self.line, self.primitive, self.message = line, primitive, message
+        self.pose: Pose2 | None = None  # where the robot is then, once it runs
 
 
 class ProgramStuckError(PlanningError):
@@ -94,6 +96,7 @@ class ProgramStuckError(PlanningError):
     def __init__(self, line: int, primitive: str | None, message: str) -> None:
         super().__init__(located(line, primitive, message))
         self.line, self.primitive, self.message = line, primitive, message
+        self.pose: Pose2 | None = None  # where the robot is then, once it runs
 
 
 def lines_of(text: str) -> list[str]:

@@ -75,7 +75,8 @@ def doubts(simap: SIMap, but: Collection[int] = ()) -> tuple[Doubt, ...]:
     for at, (source, target) in enumerate(zip(log.source.tolist(), log.target.tolist(), strict=True)):
         one, other = names.get(int(owner[source])), names.get(int(owner[target]))
         doubt = 0.7 * (1.0 - abs(float(log.score[at]) - threshold) / SLIM)
-        parts, score = sorted((int(cells[source]), int(cells[target]))), score_text(simap.method, float(log.score[at]))
+        parts = sorted((int(cells[source]), int(cells[target])))
+        score = score_text(simap.method, float(log.score[at]), threshold)
         said = f"{score}, where more than {needed_text(simap.method, threshold)} is needed"
         if applied[at]:
             if one is not None and parts[0] >= MIN_SHARE * one.cells:

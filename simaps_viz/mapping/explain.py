@@ -197,6 +197,11 @@ def weakest_of(joints: Sequence[Joint], cells: int) -> Joint | None:
     return max(joints, key=_smaller, default=None)
 
 
+def weaker_pieces(why: Why) -> bool:
+    """Whether small pieces joined with a lower score than that of the weakest joint."""
+    return why.weakest is not None and any(joint.score < why.weakest.score for joint in why.joints)
+
+
 def _smaller(joint: Joint) -> int:
     """Return the number of cells of the smaller part."""
     return min(joint.source_cells, joint.target_cells)
@@ -488,9 +493,9 @@ def _score(simap: SIMap, same: int, different: int, *, touching: bool, share: fl
     return method_of(simap.method).score(simap.parameters, same, different, touching=touching, share=share)
 
 
-def score_text(method: str, score: float) -> str:
+def score_text(method: str, score: float, threshold: float | None = None) -> str:
     """Return a score of the merge log as its method reads it: "19.6 %" of cells (paper), "87 %" of evidence."""
-    return method_of(method).score_text(score)
+    return method_of(method).score_text(score, threshold)
 
 
 def needed_text(method: str, threshold: float) -> str:
@@ -521,8 +526,8 @@ def _class_of(one: Instance) -> str:
 def joint_words(why: Why, joint: Joint) -> str:
     """Describe the evidence on which a step of the merge log joined its parts."""
     if method_of(why.method).weights_per_frame:
-        return f"{score_text(why.method, joint.score)} of the part that joined neighbours the other"
-    return f"{_sightings(joint.same, joint.different)} → {score_text(why.method, joint.score)}"
+        return f"{score_text(why.method, joint.score, why.threshold)} of the part that joined neighbours the other"
+    return f"{_sightings(joint.same, joint.different)} → {score_text(why.method, joint.score, why.threshold)}"
 
 
 def together_words(together: Together) -> str:
@@ -547,13 +552,13 @@ def link_words(method: str, threshold: float, link: Link) -> str:
     if method_of(method).weights_per_frame:
         if link.score == 0.0:
             return f"{seen}; no cell of one neighbours a cell of the other"
-        share = f"{score_text(method, link.score)} of the cells of one neighbour the other"
+        share = f"{score_text(method, link.score, threshold)} of the cells of one neighbour the other"
         return f"{seen}; {share}, {_below(method, threshold, link)}"
     if link.same + link.different == 0 and not link.touching:
         why = "too far apart to compare their cells, or open floor between"
         compared = "nothing speaks for one" if len(link.together) == 0 else why
         return f"{compared}; {seen}"
-    score = score_text(method, link.score)
+    score = score_text(method, link.score, threshold)
     return f"{score} of what frames saw of their cells says one object, {_below(method, threshold, link)}; {seen}"
 
 
@@ -583,11 +588,13 @@ def _one_object(why: Why) -> str:
         return "One object because its cells belong together; no frame is known to have named it."
     if as_one == 0:
         return f"One object although none of the {plural(seen, 'frame')} that saw it shows it as one."
+    whole = all(len(frame.segments) == 1 for frame in why.frames if frame.as_one)
+    it = "it" if whole else "most of it"
     which = f"{as_one} of the {seen} frames"
     if as_one == seen:
         which = "the 1 frame" if seen == 1 else f"all {seen} frames"
     reason = "because" if 2 * as_one > seen else "although only"
-    return f"One object {reason} {which} that saw it {'shows' if which == 'the 1 frame' else 'show'} it as one."
+    return f"One object {reason} {which} that saw it {'shows' if which == 'the 1 frame' else 'show'} {it} as one."
 
 
 def _seen_as_one(why: Why) -> str:
@@ -606,8 +613,10 @@ def _weakest(why: Why) -> str:
     if _smaller(weakest) < PIECE * len(why.cells):
         return f"Nearly all of it is one patch; only pieces of at most {plural(_smaller(weakest), 'cell')} joined it."
     says = "" if method_of(method).weights_per_frame else " for one object"
-    text = f"Its weakest joint ({weakest.target_cells} + {plural(weakest.source_cells, 'cell')}) has "
-    text += f"{score_text(method, weakest.score)}{says}, above the {needed_text(method, why.threshold)} needed: "
+    its = "The weakest joint of its larger parts" if weaker_pieces(why) else "Its weakest joint"
+    text = f"{its} ({weakest.target_cells} + {plural(weakest.source_cells, 'cell')}) has "
+    score, needed = score_text(method, weakest.score, why.threshold), needed_text(method, why.threshold)
+    text += f"{score}{says}, above the {needed} needed: "
     if len(why.together) == 0:
         alone = "" if method_of(method).weights_per_frame else f", which counts as {score_text(method, weakest.score)}"
         return f"{text}no frame saw both parts, but they touch{alone}."
@@ -624,7 +633,7 @@ def _pooled(method: str, evidence: Joint | Link) -> str:
 
 def _below(method: str, threshold: float, link: Link) -> str:
     needed, side = needed_text(method, threshold), "above" if link.score > threshold else "below"
-    just = "just " if score_text(method, link.score) == needed else ""  # 59.8 % is written 60 %
+    just = "just " if score_text(method, link.score) == needed else ""  # 59.8 % is nearly 60 %
     return f"{just}{side} the {needed} needed"
 
 

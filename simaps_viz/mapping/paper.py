@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.mapping.communities import find_communities
-from simaps_viz.mapping.method import Gathered, Method, Slider
+from simaps_viz.mapping.method import Gathered, Method, Slider, percent_text
 from simaps_viz.structures import CellGraph, Grid, GridSpec, MergeLog
 
 if TYPE_CHECKING:
@@ -66,9 +66,9 @@ class Paper(Method):
         del parameters, same, different, touching
         return share
 
-    def score_text(self, score: float) -> str:
+    def score_text(self, score: float, beside: float | None = None) -> str:
         """Write a score as a percentage of cells."""
-        return f"{100.0 * score:.1f} %"
+        return percent_text(score, 1, beside)
 
     def needed_text(self, threshold: float) -> str:
         """Write the threshold as K."""

@@ -72,6 +72,8 @@ class Answer:
     """The line of the program, counted from 1, that cannot be carried out; None when ok or when no line is to blame."""
     suggestions: tuple[str, ...] = ()
     """Commands that can be given instead of one that was refused, the likeliest first, at most three."""
+    stuck_at: Pose2 | None = None
+    """Where the robot would be when that line cannot be carried out; None when ok or when no line is to blame."""
 
     def to_json(self) -> dict[str, Any]:
         """Return the line ``simaps query`` prints, as a dict; angles in degrees clockwise from north."""
@@ -206,11 +208,15 @@ class Agent:
             max_path_m=budget.path_m, max_planned_cells=budget.planned_cells,
         )  # fmt: skip
         steps, reported = [], 0
-        for turn in interpret(parsed, robot.call, budget=budget):
-            goal = robot.goals[-1] if len(robot.goals) > reported else None
-            reported = len(robot.goals)
-            text, done = parsed.lines[turn.line - 1], turn.phase == "after"
-            steps.append(StepEvent(turn.line, text, robot.take_poses(), robot.pose, goal, done))
+        try:
+            for turn in interpret(parsed, robot.call, budget=budget):
+                goal = robot.goals[-1] if len(robot.goals) > reported else None
+                reported = len(robot.goals)
+                text, done = parsed.lines[turn.line - 1], turn.phase == "after"
+                steps.append(StepEvent(turn.line, text, robot.take_poses(), robot.pose, goal, done))
+        except (ProgramError, ProgramStuckError) as error:
+            error.pose = robot.pose
+            raise
         return Run(tuple(steps), robot)
 
     def steps(self, program: str) -> Generator[StepEvent, None, None]:
@@ -285,7 +291,7 @@ def answer(
         return Answer(
             "failed" if failed else "refused", reason, reading.program, (), np.array([[pose.x_m, pose.y_m]]), pose, 0.0,
             reading.notes, reading.alternatives, line=located.line if located else None,
-            suggestions=getattr(error, "suggestions", ()) or suggested,
+            suggestions=getattr(error, "suggestions", ()) or suggested, stuck_at=located.pose if located else None,
         )  # fmt: skip
     end = run.robot
     return Answer(

@@ -20,6 +20,7 @@ from simaps_viz.mapping.explain import (
     frames_of_both,
     link_words,
     recorded_step,
+    score_text,
     summary,
     weakest_of,
 )
@@ -116,6 +117,23 @@ def test_the_weakest_joint_is_one_of_large_parts_if_there_are_any():
     assert weakest_of((crumb, crust), 64) is crust and weakest_of((), 64) is None
     why = replace(explain(toy_map(), CHAIR_1), weakest=crust)
     assert summary(why).endswith(" Nearly all of it is one patch; only pieces of at most 2 cells joined it.")
+
+
+def test_small_pieces_that_joined_with_less_are_not_passed_over_in_silence():
+    why = explain(toy_map(), CHAIR_1)
+    (whole,) = why.joints
+    assert " Its weakest joint (" in summary(why)
+    below = replace(why, joints=(replace(whole, source_cells=1, score=whole.score / 2.0), whole))
+    assert " The weakest joint of its larger parts (" in summary(below)
+    frame = next(one for one in why.frames if one.as_one)
+    split = replace(why, frames=(replace(frame, segments=(1, 2)),))
+    assert summary(split).startswith("One object because the 1 frame that saw it shows most of it as one.")
+
+
+def test_a_score_that_reads_as_the_threshold_has_a_digit_more():
+    assert score_text("evidence", 0.597, 0.6) == "59.7 %" and score_text("evidence", 0.597) == "60 %"
+    assert score_text("evidence", 0.6, 0.6) == "60 %" and score_text("evidence", 0.87, 0.6) == "87 %"
+    assert score_text("paper", 0.0496, 0.05) == "4.96 %" and score_text("evidence", 0.5999, 0.6) == "59.99 %"
 
 
 LOOKS = ("ccccc.cc", "ccccc.cc", "aaabb.bb", "aaabb.bb", "aaabb.dd", "?????.cc")

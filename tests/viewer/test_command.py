@@ -42,6 +42,7 @@ from simaps_viz.viewer.panels.command import (
     exchanges_html,
     in_asked_order,
     named_in,
+    pose_of_sides,
     program_html,
     sides_text,
     why_text,
@@ -115,6 +116,29 @@ def test_whose_left_is_meant_is_said_once():
     assert text.count("as seen from the robot") == 1 and sides_text(text, TOY_POSE) == ""
     text = outcome_text(answer(toy_map(), "go to the chair left of the couch", TOY_POSE))
     assert text.startswith("There is no chair") and sides_text(text, TOY_POSE).startswith("Left: as seen")
+
+
+def test_the_sides_are_those_after_the_turn_that_comes_before():
+    for command, looks in (
+        ("turn right 90 degrees then move forward 30 metres", "looks south by then"),
+        ("move forward 30 metres", "looks east"),
+        ("turn right 90 degrees then go to the leftmost chair", "looks south by then"),
+        ("go to the leftmost chair then turn right 90 degrees", "looks east"),
+    ):
+        said = answer(toy_map(), command, TOY_POSE)
+        text = sides_text(outcome_text(said), TOY_POSE, pose_of_sides(said))
+        assert text.endswith(f"{looks}."), (command, said.reason, text)
+
+
+def test_a_command_that_fails_after_its_first_line_says_that_nothing_was_done():
+    with Workbench(toy_map(), services=real_services(), port=free_port(), start=TOY_POSE) as bench, fake_page(bench):
+        panel = mine(bench).panels[CommandPanel]
+        panel.ask("turn right 90 degrees then move forward 30 metres")
+        until(lambda: "Failed" in shown(bench))
+        assert "Nothing was done" in shown(bench) and "looks south by then" in shown(bench)
+        panel.ask("move forward 30 metres")
+        until(lambda: "looks east" in shown(bench))
+        assert "Nothing was done" not in shown(bench)
 
 
 def test_a_thing_that_is_meant_and_may_be_wrong_is_called_so():

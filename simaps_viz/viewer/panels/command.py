@@ -67,6 +67,7 @@ _CHOOSERS = [*FUNCTIONS, *(name for name, primitive in PRIMITIVES.items() if pri
 _FROM_WHAT = re.compile(r"\b(?:nearest to|farthest from) the (?:nearest )?(.+)$")
 """What distances are from, in the words for something that is nearest to it."""
 GIVEN = "where the command was given"
+NOTHING_DONE = "Nothing was done: a command is tried out to its end before the robot moves."
 CandidatesAt = Callable[[str, Pose2], Sequence[Candidate]]
 TURNS = ("face", "with_object_on_left", "with_object_on_right")
 """Primitives whose goals the robot does not drive to."""
@@ -224,10 +225,35 @@ def _asked_order(answer: Answer, candidates: Sequence[Candidate]) -> bool:
     return bool(answer.goals and answer.goals[0].among) and distances != sorted(distances)
 
 
-def sides_text(text: str, pose: Pose2) -> str:
-    """Return whose left and right a text speaks of; empty where it speaks of none, or says it."""
+def sides_text(text: str, pose: Pose2, then: Pose2 | None = None) -> str:
+    """Return whose left and right a text speaks of; empty where it speaks of none, or says it.
+
+    Args:
+        text: the text.
+        pose: of the robot, now.
+        then: of the robot when the sides are meant; None = now.
+    """
     sides = {} if SEEN in text else dict.fromkeys(_SIDE.findall(text))
-    return f"{_cap(', '.join(sides))}: {SEEN}, which looks {pose.looks}." if sides else ""
+    looks = f"looks {pose.looks}" if then is None or then.looks == pose.looks else f"looks {then.looks} by then"
+    return f"{_cap(', '.join(sides))}: {SEEN}, which {looks}." if sides else ""
+
+
+def pose_of_sides(answer: Answer) -> Pose2 | None:
+    """Return where the robot is when left and right are those that an answer speaks of; None = where it is told so."""
+    if answer.status != "ok":
+        return answer.stuck_at
+    if answer.answer is not None and not answer.goals:
+        return answer.final_pose
+    before = None
+    for step in answer.steps:
+        if step.goal is None:
+            before = before if step.done else step.pose
+        elif step.goal.primitive in TURNS:
+            if step.goal.primitive != "face":
+                return step.pose  # so that something is on its left
+        elif _SIDE.search(step.goal.words):
+            return before
+    return None
 
 
 def _undistanced(text: str) -> str:
@@ -832,20 +858,20 @@ class CommandPanel(Panel):
         command = str(self._text.value)
         if self._hidden or self.uses_model or not self._may_preview():  # a model is asked only what is sent to it
             return
-        meant, reason = None, ""
+        meant, reason, then = None, "", None
         try:
             meant = self._meant(command.strip()) if command.strip() else None
         except SIMapsError as error:
             reason = str(error)
         if meant is not None and meant[0].status != "ok":
-            meant, reason = None, outcome_text(meant[0])
+            then, meant, reason = pose_of_sides(meant[0]), None, outcome_text(meant[0])
         if not self._may_preview() or command != str(self._text.value):
             return  # it runs, or goes on, meanwhile
         self._clear_marks()  # also what an earlier command meant; what was typed since is still to be read
         if meant is None:
             self._mark_named(reason)
             reason = _cap(reason.partition(" Try: ")[0])
-            more = [sides_text(reason, self._page.pose)]
+            more = [sides_text(reason, self._page.pose, then)]
             self._show_typed("Go cannot do this" if reason else "", reason or TYPING, more)
             self._outcome = bool(reason)  # gone with the next letter
             return
@@ -917,7 +943,8 @@ class CommandPanel(Panel):
         known = self._doubted[1]
         meant = dict.fromkeys(goal.instance for goal in answer.goals if goal.instance in known)
         found = [f"{_cap(known[i].instance.name)} may be wrong: {known[i].brief}." for i in meant if i]
-        return [sides_text(" ".join([outcome_text(answer), *why]), self._page.pose), *found[:_MAX_LISTED]]
+        said = " ".join([outcome_text(answer), *why])
+        return [sides_text(said, self._page.pose, pose_of_sides(answer)), *found[:_MAX_LISTED]]
 
     def _of_them_doubtful(self, ids: Collection[int]) -> str:
         """Return words for how many of several objects are doubtful, as the page counts; empty where none is."""
@@ -969,7 +996,9 @@ class CommandPanel(Panel):
             self._mark_named(answer.reason or "")
         done = "Done" if answer.answer is None else "Answer"
         title, tone = {"ok": (done, "good"), "refused": ("Refused", "bad")}.get(answer.status, ("Failed", "bad"))
-        self._show_result(title, outcome_text(answer), tone, (*self._why, *answer.notes), answer.suggestions)
+        undone = (NOTHING_DONE,) if answer.status != "ok" and (answer.line or 0) > 1 else ()
+        more = (*undone, *self._why, *answer.notes)
+        self._show_result(title, outcome_text(answer), tone, more, answer.suggestions)
         self._preview_another()
 
     def _refuse(self, reason: str, instead: Sequence[str]) -> None:

@@ -25,6 +25,7 @@ from simaps_viz.mapping.explain import (
     needed_text,
     score_text,
     summary,
+    weaker_pieces,
 )
 from simaps_viz.mapping.mending import edits_of
 from simaps_viz.mapping.methods import method_of
@@ -95,7 +96,7 @@ def bars_html(why: Why, bars: Sequence[tuple[str, float, Color]]) -> str:
         '<div style="position:relative;height:.75em;align-self:center;background:rgba(128,128,128,.2)">'
         f'<div style="height:100%;width:{100.0 * min(score / most, 1.0):.1f}%;background:rgb{color}"></div>'
         f'<div style="position:absolute;inset:-.2em auto -.2em {at:.1f}%;border-left:2px solid currentColor"></div>'
-        f"</div><div>{score_text(why.method, score)}{' ✓' if score > why.threshold else ''}</div>"
+        f"</div><div>{score_text(why.method, score, why.threshold)}{' ✓' if score > why.threshold else ''}</div>"
         for name, score, color in bars
     )
     needed = f"one object above {needed_text(why.method, why.threshold)} (the upright mark):"
@@ -118,9 +119,12 @@ def joint_html(why: Why, joint: Joint, position: int, recorded: bool | None) -> 
 def joint_name(why: Why, position: int) -> str:
     """Name a step on a button: "Step 12 of 40: 30 and 14 cells, 83 %"; ``position`` counts from 1."""
     joint = why.joints[position - 1]
-    weakest = ", weakest" if joint is why.weakest else ""
+    weakest = ", weakest of the larger parts" if weaker_pieces(why) else ", weakest"
+    weakest = weakest if joint is why.weakest else ""
     parts = f"{joint.target_cells} and {plural(joint.source_cells, 'cell')}"
-    return f"Step {position} of {len(why.joints)}: {parts}, {score_text(why.method, joint.score)}{weakest}"
+    return (
+        f"Step {position} of {len(why.joints)}: {parts}, {score_text(why.method, joint.score, why.threshold)}{weakest}"
+    )
 
 
 def words_html(simap: SIMap) -> str:
@@ -286,8 +290,7 @@ class WhyPanel(Panel):
         self._color_legend.content = sureness_legend(why)
         self._color_legend.visible = bool(self._color.value)
         names = {
-            f"{link.other.name} · {link_text(why.method, link)}": link.other.id
-            for link in why.neighbours[:MAX_NEIGHBOURS]
+            f"{link.other.name} · {link_text(why, link)}": link.other.id for link in why.neighbours[:MAX_NEIGHBOURS]
         }
         self._apart_of = names
         self._near.options = (*names, ASK)

@@ -115,10 +115,11 @@ def link_lines(links: Sequence[Link], z_m: float = FLOOR_M) -> NDArray:
     return lines
 
 
-def link_text(method: str, link: Link) -> str:
+def link_text(why: Why, link: Link) -> str:
     """Return the number that is written at a link, and what it measures: "evidence 12 %", "0.40 m away"."""
-    slider = method_of(method).slider
-    return f"{link.distance_m:.2f} m away" if slider is None else f"{slider.word} {score_text(method, link.score)}"
+    slider = method_of(why.method).slider
+    score = score_text(why.method, link.score, why.threshold)
+    return f"{link.distance_m:.2f} m away" if slider is None else f"{slider.word} {score}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +171,7 @@ class WhyMarks:
 
 def link_label(marks: Marks, link: Link) -> Label:
     """Name a neighbour and its link's number, on the neighbour: "chair 6 · evidence 12 %"."""
-    text = f"{link.other.name} · {link_text(marks.why.method, link)}"
+    text = f"{link.other.name} · {link_text(marks.why, link)}"
     (x0, y0), (x1, y1) = link.ends_m
     (xmin, ymin, _), (xmax, ymax, _) = link.other.aabb_m
     if max(xmax - xmin, ymax - ymin) > SMALL_M:
