@@ -177,14 +177,29 @@ def test_a_moved_slider_says_what_it_changed_and_one_button_shows_before(monkeyp
         assert f"Before: K 5 %. After, K 30 %: {said}<" in panel._change.content
         assert panel._step.label == f"{changes[0].text} (1 of {len(changes)}): show the next"
         assert drawn[-1][1] == changes[0].before
-        assert panel._reset.visible and panel._reset.disabled  # it keeps its place
+        assert panel._reset.visible and not panel._reset.disabled and panel._peek.label.startswith("Showing before")
         panel._show_next()
         assert drawn[-1][1] == changes[1].before and panel._step.label.startswith(changes[1].text)
         panel.peek()
         assert session.wait_idle() and np.array_equal(session.simap.instance, cut.instance) and panel.percent == 30.0
         assert drawn[-1][1] == changes[1].after and panel._reset.visible and not panel._reset.disabled
+        assert panel._peek.label == "Before and after"
         session.take_map(toy_map())  # another map: nothing was changed by hand
         assert session.wait_idle() and not panel._change.visible and drawn[-1][1] == ()
+
+
+def test_reset_while_the_map_before_is_looked_at_lets_go_of_what_was_after():
+    with opened() as (_, page):
+        session, panel = page.session, page.session.panels[MapPanel]
+        whole = session.simap
+        panel.set_sliders(30.0, 1.0)
+        panel._cut()
+        assert session.wait_idle() and panel._peek.visible
+        panel.peek()
+        assert session.wait_idle() and not panel._reset.disabled
+        panel.reset()
+        assert session.wait_idle() and np.array_equal(session.simap.instance, whole.instance)
+        assert not panel._peek.visible and not panel._reset.visible and panel._peek.label == "Before and after"
 
 
 def test_moved_again_and_again_it_is_compared_with_the_map_as_it_came():

@@ -9,7 +9,9 @@ from fake_page import fake_page
 from toy_maps import TOY_POSE, toy_map
 
 from simaps_viz.drawing.texture import outline_segments
-from simaps_viz.viewer.page.shared import ids_then
+from simaps_viz.viewer.page.shared import NO_HISTORY, ids_then
+from simaps_viz.viewer.panels.build import NOTE, BuildPanel
+from simaps_viz.viewer.panels.map import MapPanel
 from simaps_viz.viewer.workbench import Workbench
 
 CHAIR_1, CHAIR_3, TABLE = 1, 3, 6
@@ -61,3 +63,20 @@ def test_the_map_of_then_is_lit_and_outlined_where_the_object_was(monkeypatch):
         session.finish()
         assert session.wait_idle() and drawn[-1] == (session.simap, {CHAIR_1})
         assert np.array_equal(outlined(), whole)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_whether_a_history_is_at_hand_is_said_before_anybody_goes_back(known):
+    services = toy_services(look_back=lambda simap, frame: earlier() if known else None)
+    with Workbench(toy_map(), services=services, port=free_port(), start=TOY_POSE) as bench, fake_page(bench) as page:
+        session = page.session
+        assert session.wait_idle()
+        note = session.panels[BuildPanel]._note.content
+        assert (NO_HISTORY in note, NOTE in note) == (not known, known)
+        session.panels[MapPanel]._least_frames.value = 20  # most objects are doubtful
+        session.repaint()
+        assert session.wait_idle()
+        counts = session.panels[MapPanel]._counts.content
+        session.show_frame(1)
+        assert session.wait_idle() and session.panels[BuildPanel]._note.content == note
+        assert known or session.panels[MapPanel]._counts.content == counts

@@ -254,8 +254,9 @@ def png(image: NDArray) -> bytes:
 
 
 NO_HISTORY = (
-    "No history of this map is at hand, so objects appear when first named. It is there after building with --history,"
-    " or once a build that is watched is done."
+    "No history of this map is at hand: at an earlier frame the map is the finished one, less the objects that no frame"
+    " had named by then; colours of photos stay. It is there after building with --history, or once a build that is"
+    " watched is done."
 )
 
 

@@ -9,7 +9,7 @@ from simaps_viz.mapping.timeline import Timeline
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel, Played, Player, button, by_person
-from simaps_viz.viewer.page.shared import Snapshot
+from simaps_viz.viewer.page.shared import NO_HISTORY, Snapshot
 
 FRAMES_PER_S = 8
 NOTE_RECORDED = "Go back in time here or in the recorded build: both show the same frame."
@@ -44,7 +44,10 @@ class BuildPanel(Panel):
             "Map as it was then", page.as_it_was, hint="After the frame that is shown; otherwise the finished map."
         )
         self._fill.on_update(lambda _: self._filled())
+        self._history = True
+        """Whether the history of the map is at hand, as far as is known."""
         self._show_controls()
+        page.submit("history", lambda: self._look_for_history(page.simap))
 
     def toggle(self) -> None:
         """Play, or stop playing."""
@@ -61,6 +64,7 @@ class BuildPanel(Panel):
         self._show_controls()
         self.time_changed(self._page.frame, None)
         self._name.content = self._caption(self._page.frame)
+        self._page.submit("history", lambda: self._look_for_history(simap))
 
     def time_changed(self, frame: int, step: int | None) -> None:
         """Move the slider to the frame."""
@@ -70,7 +74,10 @@ class BuildPanel(Panel):
 
     def painted(self, simap: SIMap, snapshot: Snapshot) -> None:
         """Describe the map at an earlier time step; empty for the finished map."""
-        content = f'<div role="status" style="{BOX_STYLE}">{escape(snapshot.words)}</div>' if snapshot.words else ""
+        if snapshot.words:
+            self._note_history(snapshot.words != NO_HISTORY)
+        words = "" if snapshot.words == NO_HISTORY else snapshot.words  # which stands above
+        content = f'<div role="status" style="{BOX_STYLE}">{escape(words)}</div>' if words else ""
         if self._then.content != content:
             self._then.content, self._then.visible = content, bool(content)
 
@@ -81,6 +88,17 @@ class BuildPanel(Panel):
     def restore(self, state: bool) -> None:
         """Show the map as it was then, or the finished map, at earlier frames."""
         self._fill.value = self._page.as_it_was = state
+
+    def _look_for_history(self, simap: SIMap) -> None:
+        look = self._page.services.look_back
+        if len(simap.frame_names) > 1:
+            self._note_history(look is not None and look(simap, 0) is not None)
+
+    def _note_history(self, known: bool) -> None:
+        """Describe what an earlier frame shows, before anybody goes there."""
+        if known != self._history:
+            self._history = known
+            self._show_controls()
 
     def _moved(self) -> None:
         self._player.stop()
@@ -98,7 +116,8 @@ class BuildPanel(Panel):
         for widget in (self._slider, self._name, self._player.button, self._rate, self._fill):
             widget.visible = known
         recorded = self._page.recording.url is not None
-        self._note.content = note_html((NOTE_RECORDED if recorded else NOTE) if known else NO_FRAMES)
+        note = (NOTE_RECORDED if recorded else NOTE) if self._history else NO_HISTORY
+        self._note.content = note_html(note if known else NO_FRAMES)
 
     def _caption(self, frame: int) -> str:
         if not self._names:

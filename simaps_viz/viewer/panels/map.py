@@ -36,6 +36,7 @@ from simaps_viz.viewer.scene.map_scene import FULL_HEIGHT_M, Style
 EVERY_CLASS = "all classes"
 FINISH = "Show the finished map"
 BEFORE = "Before and after"
+PEEKING = "Showing before – press again for after"
 BEFORE_HINT = "The map as it came, before the sliders were moved, and as it is."
 STEP_HINT = "Go to what the slider changed, one after the other; the north arrow shows the whole map."
 MAX_MOVED, MAX_CHANGES, OUTLINED_S = 3, 8, 6.0
@@ -217,6 +218,7 @@ class MapPanel(Panel):
 
     def _describe_change(self) -> None:
         was, now = self._was, self._shown
+        self._peek.label = PEEKING if self._peeking and was is not None else BEFORE
         self._change.visible = self._peek.visible = was is not None
         if was is None:
             self._step.visible, self._looked = False, 0
@@ -349,13 +351,15 @@ class MapPanel(Panel):
     def painted(self, simap: SIMap, snapshot: Snapshot) -> None:
         """Describe the painted map, with a badge unless it is the finished one."""
         self._busy = False
-        doubtful = frozenset() if snapshot.badge else self.doubtful(simap)
+        other = bool(snapshot.badge) and snapshot.until is None  # an earlier map, with ids of its own
+        doubtful = frozenset() if other else self.doubtful(simap)
         self._said, self._counts.content = counts_text(simap, doubtful=doubtful), counts_html(simap, doubtful)
         self._show_rooms(simap)
         self._offer_tint()
         for widget in (self._k, self._resolution, self._reset):
             widget.disabled = not simap.instances and not simap.graphs
-        self._reset.disabled |= not self._page.cut_here
+        moved = self._page.cut_here or self._was is not None  # also while the map before is looked at
+        self._reset.disabled |= not moved
         seen = self.mode == "instance" or not self._in_space  # on a photo of the floor plan, objects are outlined
         legend = legend_html(simap, self.mode, self._page.theme, buttons=True, doubtful=doubtful, colored=seen)
         legend = f'<div class="simaps-legend" style="{LEGEND_STYLE}">{legend}</div>'
@@ -403,6 +407,8 @@ class MapPanel(Panel):
     def reset(self) -> None:
         """Go back to the K and resolution the map came with."""
         own = cut_of(self._page.base)
+        if self._peeking:  # the map is that already: what was after is let go
+            self._was = None
         self.set_sliders(own.percent, own.resolution)
         self._cut()
 

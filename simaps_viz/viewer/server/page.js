@@ -218,7 +218,7 @@
     const down = event.type === 'keydown';
     if (event.key !== 'b' || event.repeat || down === peeking || event.ctrlKey || event.metaKey || event.altKey) return;
     if (down && event.target.closest && event.target.closest('input, textarea, [contenteditable]')) return;
-    const both = withText('Before and after');
+    const both = withText('Before and after') || withText('Showing before – press again for after');
     if (!both) return;
     peeking = down;
     both.click();
