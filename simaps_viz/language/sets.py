@@ -397,6 +397,8 @@ class Sets(Grounding):
         """Return the yaw of a side of the robot, radians."""
         if side in _TURNS:
             return self.viewer.yaw_rad + _TURNS[side]
+        if side not in _COMPASS:
+            raise CommandError(f'which side of the robot is meant by "{side}" is not known')
         return float(np.arctan2(_COMPASS[side][1], _COMPASS[side][0]))
 
     def way_of(self, side: str, point_m: NDArray) -> NDArray:

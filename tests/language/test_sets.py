@@ -639,3 +639,9 @@ def test_a_couch_is_as_wide_as_its_longer_side_and_a_bed_as_its_shorter_one() ->
         thing = sets.thing_of(name)
         assert sets.measure(thing, "length") > sets.measure(thing, "width") + 0.1
         assert told and told["value"] == pytest.approx(sets.measure(thing, side), abs=0.001)
+
+
+@pytest.mark.parametrize("program", ["side('chair', 'end', 'map')", "side('chair', 'flank')"])
+def test_a_side_that_only_things_have_is_refused_of_the_map_and_of_the_robot(program: str) -> None:
+    with pytest.raises(CommandError, match="which side of the robot is meant"):
+        evaluate(toy_map(), TOY_POSE, program)
