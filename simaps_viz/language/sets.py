@@ -881,6 +881,8 @@ class Sets(Grounding):
         kept = [_key(i) not in out for i in first.items]
         if all(kept):
             return first
+        if any(kept) and len(second) == 1 and isinstance(second.items[0], Instance):
+            return self._keep(first, kept, after=f"other than {second.items[0].name}")
         if second.noun == first.noun or len(second) == 1:
             return self._keep(first, kept, before="other")
         return self._keep(first, kept, after=f"other than {second.the}")

@@ -41,6 +41,7 @@ from simaps_viz.viewer.panels.command import (
     entered,
     exchanges_html,
     in_asked_order,
+    name_text,
     named_in,
     pose_of_sides,
     program_html,
@@ -128,6 +129,15 @@ def test_the_sides_are_those_after_the_turn_that_comes_before():
         said = answer(toy_map(), command, TOY_POSE)
         text = sides_text(outcome_text(said), TOY_POSE, pose_of_sides(said))
         assert text.endswith(f"{looks}."), (command, said.reason, text)
+
+
+def test_the_one_thing_that_an_answer_speaks_of_is_named():
+    simap = toy_map()
+    largest = answer(simap, "which chair is the biggest?", TOY_POSE)
+    (one,) = (largest.answer or {})["instances"]
+    assert name_text(simap, largest) == f"On the map it is {simap.by_id(one).name}."
+    assert name_text(simap, answer(simap, "where are the chairs?", TOY_POSE)) == ""
+    assert name_text(simap, answer(simap, "go to the couch", TOY_POSE)) == ""
 
 
 def test_a_command_that_fails_after_its_first_line_says_that_nothing_was_done():

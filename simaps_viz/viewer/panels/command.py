@@ -238,6 +238,13 @@ def sides_text(text: str, pose: Pose2, then: Pose2 | None = None) -> str:
     return f"{_cap(', '.join(sides))}: {SEEN}, which {looks}." if sides else ""
 
 
+def name_text(simap: SIMap, answer: Answer) -> str:
+    """Return what the one thing that an answer speaks of is called on the map; empty where the answer says it."""
+    told = [] if answer.answer is None else answer.answer["instances"]
+    name = simap.by_id(told[0]).name if len(told) == 1 else ""
+    return "" if not name or name in outcome_text(answer) else f"On the map it is {name}."
+
+
 def pose_of_sides(answer: Answer) -> Pose2 | None:
     """Return where the robot is when left and right are those that an answer speaks of; None = where it is told so."""
     if answer.status != "ok":
@@ -916,7 +923,7 @@ class CommandPanel(Panel):
             told, value = answer.answer["instances"], answer.answer["value"]
             counted = self._of_them_doubtful(told) if type(value) is int and value == len(told) else ""
             labels = goal_labels(simap, answer.goals) or answer_labels(simap, told)
-            return labels, (counted, *self._cautions(simap, answer))
+            return labels, (counted, name_text(simap, answer), *self._cautions(simap, answer))
         labels = {goal.label for goal in answer.goals if goal.label}
         of_one_class = len(labels) == 1 and not any(goal.other_label for goal in answer.goals)
         find = self._services.candidates
