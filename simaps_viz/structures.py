@@ -518,19 +518,26 @@ class SIMap:
         Where the map shows others of its class, a hidden one that is `doubtful`, far smaller than these (a sliver at an
         edge) or meets one of them (that one, seen again) is left out.
         """
+        return (*self.instances, *(one for one in self.hidden if one.id not in self.left_out))
+
+    @cached_property
+    def left_out(self) -> dict[int, str]:
+        """Why each of the `hidden` ones that are none of the `objects` is not, in words."""
         shown: dict[str, list[Instance]] = defaultdict(list)
         for one in self.instances:
             shown[one.label].append(one)
         usual = {label: float(np.median([one.cells for one in ones])) for label, ones in shown.items()}
 
-        def is_own(one: Instance) -> bool:
-            others = shown.get(one.label)
-            if not others:
-                return True
-            large = one.cells >= SLIVER_SHARE * usual[one.label]
-            return large and not _hardly_known(one) and not any(_meet(one, other) for other in others)
+        def why(one: Instance) -> str:
+            met = next((other.name for other in shown[one.label] if _meet(one, other)), "")
+            if met:
+                return f"may be a part of {met}"
+            if _hardly_known(one):
+                return "below others, and seen too little"
+            return "far smaller than others of its class" * (one.cells < SLIVER_SHARE * usual[one.label])
 
-        return (*self.instances, *(one for one in self.hidden if is_own(one)))
+        reasons = {one.id: why(one) for one in self.hidden if one.label in shown}
+        return {number: reason for number, reason in reasons.items() if reason}
 
     @cached_property
     def doubtful(self) -> frozenset[int]:

@@ -71,19 +71,21 @@ def why_empty(simap: SIMap) -> str:
     return f"things were named, but none reaches the least size ({simap.parameters.get('min_cells', 1)} cells)."
 
 
-def object_names(simap: SIMap, most: int | None = None, doubtful: Collection[int] = ()) -> dict[str, int]:
-    """Return {name: id} of the instances, of the doubtful with that word; ``most`` keeps only the largest."""
+def object_names(simap: SIMap, most: int | None = None, uncounted: Mapping[int, str] | None = None) -> dict[str, int]:
+    """Return {name: id} of the instances, those of `not_counted` with a word; ``most`` keeps the largest."""
     instances = all_instances(simap)
     if most is not None and len(instances) > most:
         largest = sorted(instances, key=lambda one: -one.cells)[:most]
         kept = {one.id for one in largest}
         instances = tuple(one for one in instances if one.id in kept)
-    return {f"{one.name}{', doubtful' * (one.id in doubtful)}": one.id for one in instances}
+    words = {number: f", {why.partition(':')[0]}" for number, why in (uncounted or {}).items()}
+    return {f"{one.name}{words.get(one.id, '')}": one.id for one in instances}
 
 
-def not_counted(simap: SIMap, doubtful: Collection[int]) -> frozenset[int]:
-    """Return the ids of all that is called doubtful: also what is hidden and may be a part of another object."""
-    return frozenset(doubtful) | ({one.id for one in simap.hidden} - {one.id for one in simap.objects})
+def not_counted(simap: SIMap, doubtful: Collection[int]) -> dict[int, str]:
+    """Return why what does not count does not: what is doubtful, and what is hidden and no object of its own."""
+    left_out = {number: f"not counted: {why}" for number, why in simap.left_out.items()}
+    return {**left_out, **dict.fromkeys(doubtful, "doubtful")}
 
 
 def facts_text(simap: SIMap, instance: Instance) -> str:
@@ -96,12 +98,12 @@ def facts_text(simap: SIMap, instance: Instance) -> str:
 def facts_html(simap: SIMap, instance: Instance, doubtful: Collection[int] | None = None) -> str:
     """Describe an instance in full: name, facts, place, size, score; ``doubtful`` as for `counts_of`."""
     unsure = simap.doubtful if doubtful is None else doubtful
-    in_doubt = instance.id in not_counted(simap, unsure)
+    doubt = not_counted(simap, unsure).get(instance.id, "")
     (x0, y0, _), (x1, y1, top) = instance.aabb_m
     x, y, _ = instance.centroid_m
     seen = simap.color_of(instance)
     rows = (
-        ("Class", f"{short(instance.label)}, {_one_of(simap, instance.label, unsure, in_doubt)}"),
+        ("Class", f"{short(instance.label)}, {_one_of(simap, instance.label, unsure, doubt)}"),
         ("Position", f"x {x:.2f} m, y {y:.2f} m (map frame)"),
         ("Size", _size(instance) if has_voxels(simap) else f"{x1 - x0:.2f} × {y1 - y0:.2f} m, top at {top:.2f} m"),
         *[(kind, ", ".join(simap.by_id(i).name for i in found)) for kind, found in _related(simap, instance)],
@@ -116,16 +118,17 @@ def facts_html(simap: SIMap, instance: Instance, doubtful: Collection[int] | Non
         f'<div style="{BOX_STYLE}">'
         '<button class="simaps-selected" type="button" data-do="deselect" title="Select nothing (Esc)">'
         f"<span>{short_html(instance.name)}</span> ✕</button>"
-        f"<div>{escape(facts_text(simap, instance))}{' · <b>doubtful</b>' * in_doubt}</div>"
+        f"<div>{escape(facts_text(simap, instance))}{f' · <b>{escape(doubt)}</b>' * bool(doubt)}</div>"
         f'<table style="border-spacing:0;margin-top:.3em">{table}</table></div>'
     )
 
 
-def _one_of(simap: SIMap, label: str, doubtful: Collection[int], in_doubt: bool) -> str:
+def _one_of(simap: SIMap, label: str, doubtful: Collection[int], doubt: str) -> str:
     ones = [one for one in simap.objects if one.label == label]
     count = count_text(ones, doubtful)
-    if in_doubt:
-        return f"doubtful: seen too little to count; of this class there are {count}"
+    if doubt:
+        why = "doubtful: seen too little to count" if doubt == "doubtful" else doubt
+        return f"{why}; of this class there are {count}"
     return f"one of {count}" if len(ones) > 1 else "the only one"
 
 

@@ -331,6 +331,18 @@ def test_the_legend_points_shows_alone_and_fades(bench, page):
     until(page, lambda: set(names(page)) <= {"chair", "chair 1", "chair 3", "chair 4"})
     row.click()
     expect(row).to_have_attribute("aria-pressed", "false")
+    for back in (
+        lambda: page.get_by_role("button", name="Only chairs are shown · show all").click(),
+        lambda: page.keyboard.press("Escape"),
+    ):
+        page.get_by_role("tab", name="Map", exact=True).click()
+        row.click()
+        expect(page.locator(".simaps-alone")).to_be_visible()
+        back()
+        expect(page.locator(".simaps-alone")).to_be_hidden()
+        expect(row).to_have_attribute("aria-pressed", "false")
+    session.select(None)
+    page.get_by_role("tab", name="Map", exact=True).click()
     expect(page.locator(".simaps-name", has_text="couch").first).to_be_visible()
     page.locator(".simaps-class[data-class=couch]").hover()
     page.get_by_role("button", name="Fade couch").click()

@@ -1,12 +1,14 @@
 """The surface as points: colours, layers, rays, stacks and the photo from above, on the toy map with voxels."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from toy_maps import toy_map
 from toy_surfaces import BROWN, GREEN, GREY, PLANT, RED, toy_with_surface
 
 from simaps_viz.colors.instances import instance_colors
-from simaps_viz.drawing.legend import facts_html, object_names
+from simaps_viz.drawing.legend import facts_html, not_counted, object_names
 from simaps_viz.drawing.surface import (
     DIMMED,
     LAYER_M,
@@ -42,10 +44,25 @@ def test_the_plant_under_the_table_is_an_object_of_its_own(simap):
     words = facts_html(simap, plant)
     assert (
         "dining table 6" in words
-        and "doubtful: seen too little to count; of this class there are 1" in words
+        and "below others, and seen too little; of this class there are 1" in words
         and "Under" in words
         and "from 0.0" in words
     )
+
+
+def test_what_is_hidden_and_no_object_of_its_own_says_why_it_does_not_count(simap):
+    plant, other = simap.by_id(PLANT), simap.of_class("potted plant")[0]
+    whys = []
+    for facts in ({}, {"frames": 50}, {"frames": 50, "cells": 0}, {"frames": 50, "aabb_m": other.aabb_m}):
+        one = replace(plant, **facts)
+        changed = replace(simap, hidden=(one,))
+        whys.append(changed.left_out.get(PLANT, ""))
+        assert (one in changed.objects) == (not whys[-1]) and whys[-1] in facts_html(changed, one)
+        names = object_names(changed, uncounted=not_counted(changed, ()))
+        assert f"{one.name}{', not counted' * bool(whys[-1])}" in names
+    few, counted, small, part = whys
+    assert (few, counted, part) == ("below others, and seen too little", "", f"may be a part of {other.name}")
+    assert small == "far smaller than others of its class"
 
 
 def test_points_have_the_colours_they_were_seen_in(simap):

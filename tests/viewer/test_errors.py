@@ -16,7 +16,16 @@ from simaps_viz.mapping.file import save_map
 from simaps_viz.mapping.simap import repartition
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.panels import errors
-from simaps_viz.viewer.panels.errors import DOUBTS, ERRORS, LEAST_SURE, UNKNOWN, ErrorsPanel, doubt_entries, error_entry
+from simaps_viz.viewer.panels.errors import (
+    DOUBTS,
+    ERRORS,
+    LEAST_SURE,
+    OFFER,
+    UNKNOWN,
+    ErrorsPanel,
+    doubt_entries,
+    error_entry,
+)
 
 
 def test_a_truth_that_lies_beside_the_map_is_offered_without_frames(tmp_path):
@@ -58,7 +67,7 @@ def test_what_is_doubtful_is_not_listed_as_an_error():
 
 
 @pytest.mark.parametrize(("known", "has_truth"), [(False, False), (True, False), (True, True)])
-def test_frames_are_read_for_the_truth_only_when_errors_are_asked_for(monkeypatch, known, has_truth):
+def test_errors_come_first_where_a_truth_is_known_and_what_is_likely_is_offered(monkeypatch, known, has_truth):
     simap, jobs, made = toy_map(), [], []
 
     def make(key, simap, tell):
@@ -81,14 +90,12 @@ def test_frames_are_read_for_the_truth_only_when_errors_are_asked_for(monkeypatc
         panel.told({"type": "tabs", "open": ["Map"]})
         panel.told({"type": "tabs", "open": ["Errors"]})
         assert not jobs  # it is there
-        assert panel._which.value == (ERRORS if has_truth else DOUBTS)
-        assert made == ([TRUTH] if has_truth else [])
+        assert panel._which.value == (ERRORS if known else DOUBTS)
+        assert made == ([TRUTH] if known else [])
         said = panel._about.content
-        assert (UNKNOWN.strip() in said, LEAST_SURE in said) == (not known, not has_truth)
+        assert (UNKNOWN.strip() in said, LEAST_SURE in said) == (not known, not known) and (OFFER in said) == known
         if known:
-            panel._which.value = ERRORS
-            panel._list_now()
-            assert made and "0 errors" in panel._about.content and "known" in panel._about.content
+            assert "0 errors" in panel._about.content and "known" in panel._about.content
     finally:
         server.stop()
 

@@ -12,6 +12,7 @@ from simaps_viz.drawing.legend import object_names
 from simaps_viz.drawing.theme import DIM_STYLE
 from simaps_viz.viewer.panels.command import CommandPanel
 from simaps_viz.viewer.panels.instance import FindBox, NotFound, matches
+from simaps_viz.viewer.panels.map import MapPanel
 
 SIMAP = toy_map()
 
@@ -41,7 +42,9 @@ def test_a_class_alone_means_all_of_it_and_steps_go_round_both_ways():
     page = FakePage()
     box = FindBox(page)  # pyright: ignore[reportArgumentType]
     one, two, three = (one.id for one in SIMAP.of_class("chair"))
+    page.selected = 5
     assert "chair: 3." in page.type("chai") and "Next" in page.status.content and page.went == []
+    assert (page.only, page.selected) == ("chair", None)  # all are lit, and nothing else
     assert f"chair {one}: 1 of 3." in page.type("chai\n")
     assert f"chair {two}: 2 of 3." in page.type("chai\n")
     for step in (1, 1, -1, -1):
@@ -50,7 +53,7 @@ def test_a_class_alone_means_all_of_it_and_steps_go_round_both_ways():
     page.selected = 5  # by a click: steps begin anew
     box.told({"type": "find", "step": -1})
     assert page.went[-1] == three
-    assert "Enter: couch 5" in page.type("couch") and "Next" not in page.status.content
+    assert "Enter: couch 5" in page.type("couch") and page.only is None and "Next" not in page.status.content
     assert "The north arrow" in page.type("couch\n") and page.went[-1] == 5
     assert page.type("") == page.type("\n") == page.nothing
 
@@ -94,7 +97,8 @@ class FakePage:
     def __init__(self):
         self.simap, self.selected, self.went, self.given = SIMAP, None, [], []
         self.services, self.reveal = SimpleNamespace(ask=toy_ask), self.given.append
-        self.panels = {CommandPanel: SimpleNamespace(give=self.given.append)}
+        shown = SimpleNamespace(show_only=self.show_only, doubtful=lambda simap: simap.doubtful)
+        self.panels, self.only = {CommandPanel: SimpleNamespace(give=self.given.append), MapPanel: shown}, None
         self.typed = lambda event: None
         self.worker = SimpleNamespace(submit=lambda name, job: job())
         self.box = SimpleNamespace(value="", on_update=lambda then: setattr(self, "typed", then))
@@ -103,6 +107,13 @@ class FakePage:
             add_text=lambda *_, **__: self.box,
             add_html=lambda *_, **__: self.status,
         )
+
+    def show_only(self, label):
+        self.only = label
+        return label is not None
+
+    def select(self, number):
+        self.selected = number
 
     def go_to(self, one):
         self.selected = one.id

@@ -24,11 +24,12 @@ LISTED = 6
 """Entries on a page of the list."""
 ERRORS, DOUBTS = "Worst errors", "Likely errors"
 KNOWN = "What is true in this place is known. Press one: the map goes there, true outlines are pink."
+FEW, OFFER = LISTED, "The list can show likely errors instead: what the map itself is least sure of."
 END = "No errors from here on: outlines more than half right, and very small things."
 UNKNOWN = "Nobody has said what is true in this place. "
 LEAST_SURE = (
-    "These are the objects that the map itself is least sure of, the likeliest to be wrong first. "
-    "Press one: the map goes there."
+    "These are the objects that the map itself is least sure of; all reasons and the size count, so of two as unsure "
+    "the larger comes first. Press one: the map goes there."
 )
 RIGHT = "The share is that of the cells on which the map and the truth agree (intersection over union)."
 PAGES_HINT = f"{LISTED} at a time, the worst first."
@@ -73,9 +74,7 @@ class ErrorsPanel(Panel):
         self._first, self._chosen = 0, -1
         self._known = any(source.key == TRUTH for source in maker.sources(page.simap))
         names = (ERRORS, DOUBTS) if self._known else (DOUBTS,)
-        # Where all frames have to be read for the truth, that is asked for.
-        first = ERRORS if maker.has_truth else DOUBTS
-        self._which = gui.add_dropdown("List", names, initial_value=first, visible=self._known, hint=ABOUT)
+        self._which = gui.add_dropdown("List", names, initial_value=names[0], visible=self._known, hint=ABOUT)
         by_person(self._which, self._list_other)
         self._about = gui.add_html("")
         rows = [functools.partial(self._choose, at) for at in range(LISTED)]
@@ -129,7 +128,7 @@ class ErrorsPanel(Panel):
             found = compare_two(("This map", simap), ("The truth", self._truth), truth="right")
             entries = [self._with_change(error_entry(item, found.left, found.right), item) for item in found.items]
             wrong = len(found.differences)
-            head = f"{plural(wrong, 'error')}{', the worst first' * (wrong > 1)}. {KNOWN}"
+            head = f"{plural(wrong, 'error')}{', the worst first' * (wrong > 1)}. {KNOWN}{f' {OFFER}' * (wrong < FEW)}"
         else:
             entries = doubt_entries(simap, doubtful_on(self._page))
             head = f"{'' if self._known else UNKNOWN}{LEAST_SURE if entries else 'The map is sure of every object.'}"
@@ -211,8 +210,10 @@ def doubt_entries(simap: SIMap, doubtful: frozenset[int]) -> list[Entry]:
     for doubt in doubts(simap, doubtful):
         one = doubt.instance
         (x0, y0, _), (x1, y1, _) = one.aabb_m
-        more = f"{one.name}: {' '.join(doubt.reasons)}"
-        entries.append(Entry(f"{one.name}: {doubt.brief}", more, one.id, (), (x0, y0, x1, y1)))
+        more, others = f"{one.name}: {' '.join(doubt.reasons)}", len(doubt.reasons) - 1
+        area = f"{one.area_m2(simap.spec.cell_size_m):.2f} m²"
+        title = f"{one.name}, {area}: {doubt.brief}{f', and {others} more' * (others > 0)}"
+        entries.append(Entry(title, more, one.id, (), (x0, y0, x1, y1)))
     return entries
 
 

@@ -15,6 +15,7 @@ from simaps_viz.structures import SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel, button, button_row
 from simaps_viz.viewer.panels.build import BuildPanel
+from simaps_viz.viewer.panels.map import show_only
 from simaps_viz.viewer.scene.camera import SLANT, TOP
 from simaps_viz.viewer.server.viser_page import PAGE_SCRIPT
 
@@ -175,6 +176,7 @@ class HelpPanel(Panel):
             self.hide()
         else:
             self._page.select(None)
+            show_only(self._page, None)
 
     def _make_keys(self) -> tuple[tuple[str, str, str, Callable[[], None]], ...]:
         """Return the keys: the name in viser, its label, what it does in words, and the function."""

@@ -23,7 +23,7 @@ from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel, button, by_person
 from simaps_viz.viewer.page.shared import Snapshot
 from simaps_viz.viewer.panels.command import CommandPanel
-from simaps_viz.viewer.panels.map import FINISH, doubtful_on
+from simaps_viz.viewer.panels.map import FINISH, doubtful_on, show_only
 
 FIND = "Find"
 FIND_HINT = "A class, a name, or what a thing is for: chair, chair 18, somewhere to sit. Or a command."
@@ -125,6 +125,8 @@ class FindBox(Panel):
         self._found: tuple[Instance, ...] = ()
         self._scores: tuple[float, ...] = ()
         """How well each fits free words."""
+        self._lit = False
+        """Whether the class of what was found is shown alone for that."""
         self._report("")
 
     def map_changed(self, simap: SIMap) -> None:
@@ -179,10 +181,17 @@ class FindBox(Panel):
         first, *others = found
         count = count_text(found, doubtful_on(self._page))
         many = f"{first.label}: {count}."
+        if others and not scores:  # all of them are lit, as the legend does it
+            if self._page.selected not in {one.id for one in found}:
+                self._page.select(None)
+            self._lit = show_only(self._page, first.label)
         self._report(many if others else f"Enter: {first.name}")
 
     def _forget(self) -> None:
         self._words, self._found, self._scores = "", (), ()
+        if self._lit:
+            self._lit = False
+            show_only(self._page, None)
         self._report("")
 
     def _step(self, by: int) -> None:
@@ -360,4 +369,6 @@ def best_pictures(
             pictures.append(named(outlined(*seen, one.segments), simap.frame_names[one.frame]))
     if pictures:
         return pictures, "Its best views, the object's mask outlined.", names
-    return [], NO_VIEWS if views else "No frame named this object.", names
+    seen = simap.by_id(instance_id).frames
+    kept = f"Seen in {plural(seen, 'frame')}; which show it best is kept of what the map shows from above only."
+    return [], NO_VIEWS if views else kept if seen else "No frame named this object.", names

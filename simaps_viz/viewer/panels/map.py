@@ -21,7 +21,7 @@ from simaps_viz.colors.classes import CLUTTER, FLOOR, UNSEEN, WALL, ground_kinds
 from simaps_viz.drawing.compare_picture import difference_text
 from simaps_viz.drawing.legend import counts_of, counts_text, legend_html, not_counted, title_of
 from simaps_viz.drawing.texture import TINT, ColorMode, cell_colors, color_modes
-from simaps_viz.drawing.theme import BADGE_STYLE
+from simaps_viz.drawing.theme import BADGE_STYLE, short
 from simaps_viz.language.words import plain
 from simaps_viz.mapping.in_space import all_instances, has_voxels
 from simaps_viz.mapping.methods import method_of
@@ -348,6 +348,11 @@ class MapPanel(Panel):
         else:
             self._class.value = EVERY_CLASS if name == self._class.value else name
 
+    def show_only(self, label: str | None) -> bool:
+        """Show a class alone, or all again; return whether one is."""
+        self._class.value = label if label in self._class.options else EVERY_CLASS
+        return self.shown_class is not None
+
     def painted(self, simap: SIMap, snapshot: Snapshot) -> None:
         """Describe the painted map, with a badge unless it is the finished one."""
         self._busy = False
@@ -431,6 +436,11 @@ def doubtful_of(simap: SIMap, frames: int, score: float = 0.0, cells: int = 0) -
 def doubtful_on(page: Page) -> frozenset[int]:
     """Return the ids of the objects that a page does not count."""
     return page.panels[MapPanel].doubtful(page.simap) if MapPanel in page.panels else page.simap.doubtful
+
+
+def show_only(page: Page, label: str | None) -> bool:
+    """Show a class of a page alone, or all again; return whether one is."""
+    return MapPanel in page.panels and page.panels[MapPanel].show_only(label)
 
 
 def without(simap: SIMap, ids: Collection[int]) -> SIMap:
@@ -630,7 +640,8 @@ class NamesPanel(Panel):
             only, faded = shown.shown_class, sorted(shown.faded)
         xmin, ymin, xmax, ymax = page.simap.spec.extent_m
         state = {"view": page.viewpoints.name, "selected": page.selected, "only": only, "faded": faded}
-        state["doubtful"] = sorted(not_counted(page.simap, doubtful_on(page)))
+        state["only_text"] = f"Only {plural(2, short(only))[2:]} are shown" if only else ""
+        state["doubtful"] = not_counted(page.simap, doubtful_on(page))
         state["middle"] = (xmin + xmax) / 2.0, (ymin + ymax) / 2.0
         content = f'<div class="simaps-state" hidden data-state="{escape(json.dumps(state))}"></div>'
         if self._state.content != content:

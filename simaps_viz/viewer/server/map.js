@@ -30,6 +30,11 @@
     north.addEventListener(kind, (event) => event.stopPropagation());
 
   const chip = make('div', 'simaps-shown', over);  // which of the two is shown, before a slider was moved or after
+  const alone = make('button', 'simaps-shown simaps-alone', over);  // which class is shown alone, and a way back
+  alone.type = 'button';
+  alone.hidden = true;
+  for (const kind of ['pointerdown', 'pointerup', 'pointermove']) alone.addEventListener(kind, (event) => event.stopPropagation());
+  alone.addEventListener('click', () => tell({ type: 'class', name: state.only, do: 'only' }));
   const scale = make('div', 'simaps-scale', over);
   scale.setAttribute('role', 'img');
 
@@ -286,7 +291,7 @@
     changed = true;
   }, true);
   document.documentElement.addEventListener('pointerleave', () => { pointer = null; changed = true; });
-  const factsOf = (one) => one.facts + ((state.doubtful || []).includes(one.id) ? ' · doubtful' : '');
+  const factsOf = (one) => one.facts + (state.doubtful && state.doubtful[one.id] ? ` · ${state.doubtful[one.id]}` : '');
   const say = (said, x, y) => {  // beside the pointer
     hint.hidden = !said;
     if (!said) return;
@@ -425,8 +430,9 @@
     if (event.target.closest && event.target.closest('.simaps-selected')) tell({ type: 'deselect' });
   }, true);
   let more = window.innerHeight >= 1000;  // whether all classes are listed; a new legend is folded up
-  window.addEventListener('toggle', (event) => {
-    if (event.target.className === 'simaps-more') more = event.target.open;
+  window.addEventListener('click', (event) => {  // at once: told after a frame, it would be folded up again meanwhile
+    const summary = event.target.closest && event.target.closest('.simaps-more > summary');
+    if (summary) more = !summary.parentElement.open;
   }, true);
   const shows = (label) => (state.only ? label === state.only : !(state.faded || []).includes(label));
   const pressEntries = () => {
@@ -542,6 +548,9 @@
     const cut = document.querySelector('.simaps-change'), shown = cut && cut.offsetParent ? cut.dataset.shown : '';
     if (chip.textContent !== shown) chip.textContent = shown;
     chip.hidden = !shown || covered(viser);
+    const only = state.only_text ? `${state.only_text} · show all` : '';
+    if (alone.textContent !== only) alone.textContent = only;
+    alone.hidden = !only || covered(viser);
     if (viser.cameraControl) hands(viser.cameraControl);
     toScreen = look(viser, canvas);
     const isCovered = covered(viser);
