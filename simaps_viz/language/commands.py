@@ -310,6 +310,15 @@ def _there(text: str, vocabulary: Vocabulary) -> Reading:
     return replace(reading, notes=(f'"{_in_brief(said[0].strip(" ,.;:!"))}" is read as where to go', *reading.notes))
 
 
+def begins_order(text: str, labels: Sequence[str] | Mapping[str, int]) -> bool:
+    """Whether the first word is one that orders or asks, and begins no name of a thing."""
+    try:
+        kinds = {edge.kind for edge in read_words(text[:MAX_LENGTH], Vocabulary(labels)).edges[0]}
+    except CommandError:
+        return False
+    return not kinds.isdisjoint(_BEGINS) and kinds.isdisjoint(("NOUN", "NOUNS"))
+
+
 def instead(text: str, labels: Sequence[str] | Mapping[str, int]) -> tuple[str, ...]:
     """Return up to three commands that can be read, like one that was refused; none where every word is known.
 

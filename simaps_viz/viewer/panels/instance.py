@@ -16,7 +16,7 @@ from simaps_viz.drawing.legend import count_text, facts_html, not_counted, objec
 from simaps_viz.drawing.surface import stack_at
 from simaps_viz.drawing.theme import BOX_STYLE, DIM_STYLE, small_html
 from simaps_viz.errors import CommandError, InputError
-from simaps_viz.language.commands import read_command
+from simaps_viz.language.commands import begins_order, read_command
 from simaps_viz.mapping.in_space import all_instances
 from simaps_viz.structures import Instance, SIMap
 from simaps_viz.viewer.page.page import Page
@@ -97,14 +97,15 @@ def _class_of(simap: SIMap, name: str) -> str:
 
 def is_command(simap: SIMap, text: str) -> bool:
     """Whether words are a command or a question, as "turn left" is, and not what one could go to, as "red chair" is."""
+    labels = simap.counts(hidden=True)
 
     def reads(text: str) -> bool:
         try:
-            return bool(read_command(text, simap.counts(hidden=True)))
+            return bool(read_command(text, labels))
         except CommandError:
             return False
 
-    return reads(text) and not reads(f"go to {text}")
+    return reads(text) and (begins_order(text, labels) or not reads(f"go to {text}"))
 
 
 class FindBox(Panel):
