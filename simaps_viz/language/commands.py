@@ -62,6 +62,11 @@ _BINDS: Final = frozenset([
     "NUM", "IT",
 ])  # fmt: skip
 """Tokens that may say which thing is meant, or what is not to be done."""
+_SHORTLY: Final = re.compile(
+    r"\b(?:each|both|all(?: of them)?|every one|the (?:nearest )?(?:\w+(?:est|most)|black|white|gr[ea]y|red|green|blue|"
+    r"brown|yellow))\W*$"
+)
+"""The end of an order that names no thing itself: "stop at each", "go to the longest"."""
 _SIGH: Final = re.compile(r"(?:me )?(?:, )?(?:my|our|what an?|such an?)\b")
 """How talk begins in which each word is known: "dear me, my back"."""
 _PLACING: Final = frozenset(["NEAR", "ON", "IN", "AT", "BY", "UNDER", "BEHIND", "BETWEEN", "FRONT", "OPPOSITE"])
@@ -80,7 +85,10 @@ _BEGINS: Final = _DRIVEN | {
 _LOST: Final = frozenset(["left", "lost", "put", "forgot", "forgotten", "dropped", "misplaced"])
 _FOUND: Final = frozenset(["somebody", "someone"])
 """Who left a thing where it still is: "somebody left a cup on the table"."""
-_BEFORE_ONE: Final = frozenset(["COLOR", "SIZE", "SUPER", "MORE", "ORD", "LEFT", "RIGHT", "OTHER"])
+_COMPASS: Final = frozenset(["NORTH", "SOUTH", "EAST", "WEST", "MOST"])
+_ALONG: Final = re.compile(r"\W*(?:and |then )?(?:start|begin|work|end|finish|go|mov|head)\w{0,4}ing\b")
+"""How a clause begins that says in which order things are visited: "starting west and working east"."""
+_BEFORE_ONE: Final = frozenset(["COLOR", "SIZE", "SUPER", "MORE", "ORD", "LEFT", "RIGHT", "OTHER", *_COMPASS])
 """What comes before "one" where it stands for a thing: "the big one"."""
 _TELLS: Final = frozenset(["COLOR", "SIZE", "SUPER", "MORE", "SHAPE", "NOUN", "NOUNS", "LEFT", "RIGHT"])
 _NAMES: Final = frozenset(["NOUN", "NOUNS", "ROOMKIND", "ROOM", "ROOMS", "PLACE", "SPOT"])
@@ -297,7 +305,7 @@ def _names_known(sentence: Sentence) -> bool:
 def _there(text: str, vocabulary: Vocabulary) -> Reading:
     """Read "the milk ought to be in the fridge, let us go and see": to where the first clause says that it is."""
     said = [clause for clause in clauses(plainly(text)) if re.search(r"\w", clause)]
-    if len(said) != 2 or not _sends(said[1], vocabulary) or _LED.match(said[0]):
+    if len(said) != 2 or not _sends(said[1], vocabulary) or _LED.match(said[0]) or _SHORTLY.search(said[1]):
         raise CommandError("")
     where = _WHERE.search(said[0])
     if where is None or re.search(
@@ -432,6 +440,8 @@ class _Aside:
             CommandError: it cannot be read, or what is left out tells which of several things is meant.
         """
         reading = _understood(self.text, vocabulary, self.named)
+        if unsaid := self._unsaid(reading.program, vocabulary):
+            raise CommandError(f'Not understood: "{_in_brief(unsaid)}". What it says of a thing was not heard')
         if known and "search(" in reading.program and not re.search(r"^(?:tell\(|if )", reading.program, re.MULTILINE):
             raise CommandError("")
         said = re.findall(r'"([^"]*)"', reading.program)
@@ -443,6 +453,28 @@ class _Aside:
             raise CommandError("")
         notes = [f'"{_in_brief(one)}" is left out: it names nothing to do' for one in self.left_out]
         return replace(reading, notes=(*notes, *reading.notes))
+
+    def _unsaid(self, program: str, vocabulary: Vocabulary) -> str:
+        """Return the first of what is left out that says which of the things meant are, or in which order; else ""."""
+        for clause, said in zip(self.sentences, self.left_out, strict=False):
+            compass = any(edge.kind in _COMPASS for here in clause.edges for edge in here)
+            if compass and _ALONG.match(said):
+                return said
+            if _SHORTLY.search(self.text) and _names_things(clause) and _more_named(clause, program, vocabulary):
+                return said
+        return ""
+
+
+def _more_named(clause: Sentence, program: str, vocabulary: Vocabulary) -> bool:
+    """Whether a clause names a room or thing of the map that a program does not have."""
+    for here in clause.edges[:-1]:
+        rooms = [edge for edge in here if edge.kind == "ROOMKIND"]
+        nouns = [edge.value for edge in here if edge.kind in ("NOUN", "NOUNS") and isinstance(edge.value, Noun)]
+        if (rooms and "room(" not in program) or (
+            nouns and all(n.known and n.count and not _is_place_or_in(n, program) for n in nouns)
+        ):
+            return True
+    return False
 
 
 def _tells_apart(clause: Sentence, program: str) -> bool:
@@ -710,6 +742,8 @@ def _read(sentence: Sentence, vocabulary: Vocabulary, named: Phrase | None) -> R
             parse_program(program)
             if unheard := _unheard(sentence, program):
                 raise CommandError(f'Not understood: "{unheard}". What it says of a thing was not heard')
+            if _goes_again(sentence, program, listed=writer.listed):
+                raise CommandError("which of the things named are to be visited, in which order, was not understood")
             programs.setdefault(program, writer)
         except ProgramError:
             said = _in_brief(" ".join(sentence.words))
@@ -723,6 +757,36 @@ def _read(sentence: Sentence, vocabulary: Vocabulary, named: Phrase | None) -> R
     others += [program.replace(quoted(one), quoted(other)) for one, other in writer.others]
     kept = tuple(dict.fromkeys(other for other in others if other != program))
     return Reading(program, (*sentence.notes, *writer.notes), kept[:_MAX_ALTERNATIVES])
+
+
+_AGAIN: Final = frozenset(["again", "back", "return", "home", "twice", "once", "times", "lap", "laps", "more"])
+_FIRST_OF: Final = re.compile(
+    r'^for (\w+) in order\(.*?things\(("[^"]+")\).*, "first", .*:\n +robot\.move_to_object\(\1\)\n'
+    r"robot\.move_to_object\((?:first|nearest|colored)\(.*things\(\2\)",
+    re.MULTILINE,
+)
+"""All of some things, one of them first, and then one of them again: "the left one first, then the right one"."""
+_COLORED: Final = re.compile(r'colored\(things\(("[^"]+")\), ("[^"]+")\)')
+
+_BARE: Final = re.compile(r'tell\(side\(things\("[^"]+"\), "(?:north|south|east|west)"\)')
+"""A question about a side of the robot."""
+
+
+def _goes_again(sentence: Sentence, program: str, *, listed: bool) -> bool:
+    """Whether a program goes again to what it has been to, though nobody said "again"; ``listed``: without a verb.
+
+    Also whether it leaves out those after "the grey ones first", or asks of a side of the robot
+    after "at the table".
+    """
+    if not _AGAIN.isdisjoint(sentence.words):
+        return False
+    before, _, last = program.rpartition("\n")
+    been = listed and any(
+        f"things({thing})" in last and f", {color})" in last for thing, color in _COLORED.findall(before)
+    )
+    halved = sentence.words[0] in ("at", "around", "round") and _BARE.search(program)
+    rest = sentence.words[-3:-1] == ("ones", "first") and '"first"' not in program
+    return bool(been or rest or halved or _FIRST_OF.search(program))
 
 
 _STRUCK: Final = frozenset(["NOWAIT", "NEVER", "NOT", "NEITHER", "EXCEPT", "MEANT"])
@@ -844,6 +908,11 @@ class Writer:
         """Whether things were named without a verb, and whether anything was asked."""
         self.notes: list[str] = []
         self.others: dict[tuple[str, str], None] = {}
+
+    @property
+    def listed(self) -> bool:
+        """Return whether things were named without a verb."""
+        return self._bare
 
     def write(self, steps: Steps) -> str:
         """Return the program of some steps.

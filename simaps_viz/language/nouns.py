@@ -1433,6 +1433,9 @@ def _both(noun: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> 
     return select(noun, (Part("count", number=2), *_flat(pre), *_flat(post)), every=True)
 
 
+_CLOSEST_BESIDE: Final = re.compile(r"^nearest\((near\(.*, (?:the\(things\()?(.+?)(?:\)\))?\)), 1, \2\)$")
+
+
 @_rule("thing", "_dets outer:pre+ ONE? (OF | (OF (DET | EVERY)+)) pre* noun post*", cost=0.1)
 def _part_of(noun: Noun, outer: Sequence[Parts], pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
     """Read "the second of the chairs in view", "two of the red chairs", "the left one of the two"."""
@@ -1442,8 +1445,9 @@ def _part_of(noun: Noun, outer: Sequence[Parts], pre: Sequence[Parts] = (), post
     parts = (*_flat(outer), *inner, *_flat(post))
     several = any(part.kind == "count" and part.number > 1 for part in parts)
     phrase = select(replace(noun, is_plural=several), parts, some=not several)
-    # "on one of the tables": on any of them
-    return replace(phrase, any=not several and all(part.kind == "count" for part in _flat(outer)))
+    # "on one of the tables", "... by the bed": on any of them
+    any_ = not several and all(part.kind == "count" for part in _flat(outer))
+    return replace(phrase, any=any_, text=_CLOSEST_BESIDE.sub(r"\1", phrase.text) if any_ else phrase.text)
 
 
 @_rule("thing", "THAT ONE? &(WITH | WHERE | THAT | ON | IN | NEAR | BY | UNDER) post+", cost=0.5)

@@ -63,7 +63,7 @@ def plain_question(sentence: Sentence) -> str:
         if kind == "WHERE" and not _SOMEWHERE.isdisjoint(words[:at]):
             return ""
         if kind:
-            if not {asked, kind} & _GENERAL and asked != kind:
+            if kind == asked == "HOWMANY" or (not {asked, kind} & _GENERAL and asked != kind):
                 return ""
             asked, at = kind if kind not in _GENERAL or not asked else asked, end
             continue

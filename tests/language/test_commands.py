@@ -873,6 +873,24 @@ def test_what_is_told_and_may_limit_the_order_is_refused(said: str) -> None:
         read_command(said, TOLD)
 
 
+@pytest.mark.parametrize(
+    "said",
+    [
+        "Both tables in that kitchen want a wiping check. Stop at each.",
+        "There are tables of different lengths in the kitchen; I'd like to see the longest.",
+        "There is a black chair and a grey chair together at the table with the laptop, go please to the black.",
+        "The chairs at the table: the southern one gets inspected first, then the northern one.",
+        "All the chairs, one after another, starting west and working east.",
+        "A green chair and a grey chair by the lamp; drive to the green.",
+        "The chairs in the kitchen: grey ones first.",
+        "At the bench, how many chairs are on the east side and how many on the west side?",
+    ],
+)
+def test_what_says_which_ones_or_in_which_order_is_never_left_out(said: str) -> None:
+    with pytest.raises(CommandError):
+        read_command(said, TOLD)
+
+
 def test_what_hangs_over_a_thing_is_asked_of_what_hangs_on_walls() -> None:
     program = read_command("What's that hanging over the microwave?", TOLD).program
     assert program.startswith('tell(near(near(things("thing on the wall"), "microwave"), "microwave", 1)')

@@ -169,8 +169,19 @@ def test_a_chart_keeps_the_likeliest_readings_of_a_pattern() -> None:
         ("which chair is nearest the couch? That's where I'd like you.",
          'chair = nearest(things("chair"), 1, "couch")\ntell(chair, "which")\nrobot.move_to_object(chair)'),
         ("one of the chairs is not at the couch but at a table. That's the one I'd like you to drive to.",
-         'chair = nearest(near(minus(things("chair"), near(things("chair"), "couch")), "dining table"), 1, '
-         '"dining table")\nrobot.move_to_object(chair)'),
+         'chair = first(near(minus(things("chair"), near(things("chair"), "couch")), "dining table"))\n'
+         'robot.move_to_object(chair)'),
+        ("is there a plant on one of the chairs at the couch?",
+         'tell(on(things("potted plant"), near(things("chair"), "couch")), "whether")'),
+        ("let me see the couch", 'robot.move_to_object("couch")'),
+        ("right, over to the couch, I want to know what's left on it",
+         'couch = things("couch")\nrobot.move_to_object(couch)\ntell(on(things("anything"), couch), "what")'),
+        ("at the couch, which chairs are on the east side?", 'tell(side(things("chair"), "east", "couch"), "list")'),
+        ("how many chairs have the people left in the kitchen?",
+         'tell(inside(things("chair"), room("kitchen")), "count")'),
+        ("the chairs at the couch: the left one first, then the right one",
+         'chair = first(order(near(things("chair"), "couch"), "right"))\n'
+         'robot.move_to_object(first(order(near(things("chair"), "couch"), "left")))\nrobot.move_to_object(chair)'),
         ("go to the couch, no, the plant I meant", 'robot.move_to_object("potted plant")'),
         ("go to the couch, oops, I meant to say the plant", 'robot.move_to_object("potted plant")'),
         ("the couch is your next stop", 'robot.move_to_object("couch")'),
