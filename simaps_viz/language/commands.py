@@ -92,6 +92,8 @@ _BEFORE_ONE: Final = frozenset(["COLOR", "SIZE", "SUPER", "MORE", "ORD", "LEFT",
 """What comes before "one" where it stands for a thing: "the big one"."""
 _TELLS: Final = frozenset(["COLOR", "SIZE", "SUPER", "MORE", "SHAPE", "NOUN", "NOUNS", "LEFT", "RIGHT"])
 _NAMES: Final = frozenset(["NOUN", "NOUNS", "ROOMKIND", "ROOM", "ROOMS", "PLACE", "SPOT"])
+_BARRED: Final = frozenset("🚫❌⛔🙅👎")
+"""Pictures that say no, beside which nothing is left out."""
 
 
 @dataclass(frozen=True)
@@ -144,6 +146,8 @@ def read_command(text: str, labels: Sequence[str] | Mapping[str, int]) -> Readin
 def _ways_to_read(text: str, vocabulary: Vocabulary) -> Iterator[Callable[[], Reading]]:
     """Return what reads a text to the last word, then without asides, then by what is needed or where it is."""
     yield lambda: _understood(text, vocabulary)
+    if not _BARRED.isdisjoint(text):
+        return
     tried = set[tuple[str, tuple[str, ...]]]()
     for aside in _without_asides(text, vocabulary):
         if (aside.text, aside.left_out) not in tried:

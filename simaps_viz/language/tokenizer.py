@@ -204,9 +204,17 @@ def _rewordings() -> Iterator[tuple[re.Pattern[str], str, bool]]:
 _REWORDINGS: Final = tuple(_rewordings())
 
 
+_FEELING: Final = re.compile(
+    r"\s*[\U0001F600-\U0001F637\U0001F64B\U0001F64C\U0001F64F\U0001F44B-\U0001F44D\U0001F44F\U0001F4AA]"
+    r"[\U0001F3FB-\U0001F3FF\uFE0F]?\s*(?=(\w)?)"
+)
+"""Pictures of faces and hands that name no thing, way or negation."""
+
+
 def plainly(text: str) -> str:
     """Return what was said in lower case and spelled out, without the politeness around it."""
-    said = re.sub(r"\bu[- ]turn", "uturn", re.sub(r"\blet['’]s\b", "let us", text.lower()))
+    said = _FEELING.sub(lambda found: ", " if found[1] else "", text.lower())
+    said = re.sub(r"\bu[- ]turn", "uturn", re.sub(r"\blet['’]s\b", "let us", said))
     said = re.sub(r"\bwhere['’]d\b", "where did", _IS.sub(r"\1 is", said))
     said = re.sub(r"\b(the|an?|my|our|to|at|by)\s*\.{2,}", r"\1 …", said)
     said = re.sub(r"\b(?:might|may|could|would) be(?=\W*$)", "is", said)

@@ -1382,3 +1382,14 @@ def test_no_part_of_what_is_to_be_done_is_dropped(said: str) -> None:
     with suppress(CommandError):
         program = read_command(said, OFFICE_LABELS).program
         assert "search(" in program or ("refrigerator" in program and "toaster" in program), program
+
+
+@pytest.mark.parametrize("said", ["couch pls 🙏", "💪 go to the couch 👍🏽", "go to the couch😀"])
+def test_pictures_of_faces_and_hands_are_talk(said: str) -> None:
+    assert read_command(said, LABELS).program == 'robot.move_to_object("couch")'
+
+
+@pytest.mark.parametrize("said", ["go to the 🔴 chair", "go to the chair 👉", "🚫 go to the couch", "to the couch 🙅"])
+def test_pictures_that_may_tell_what_is_meant_are_not_talk(said: str) -> None:
+    with pytest.raises(CommandError):
+        read_command(said, LABELS)
