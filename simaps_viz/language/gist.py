@@ -48,6 +48,11 @@ _NEGATED: Final = re.compile(
 )
 _ASIDE: Final = re.compile(r"\W*(?:like|for|before|until|till|where|when|while|as|because|just in case|so)\b")
 _TO: Final = frozenset(["TO", "TOWARD", "OVER"])
+_JOINED: Final = re.compile(
+    r"(?:(?:,|and|then|but|also|next|first|second|last|lastly|finally|afterwards|later|after (?:that|which|it)|on|"
+    r"straight|back|over|right) )+(?=\S)"
+)
+"""What joins a further goal to an order: "then | to the harp"."""
 
 
 @dataclass(frozen=True)
@@ -109,13 +114,15 @@ def is_talk(said: str, sentence: Sentence) -> bool:
             return False
         if "NUM" in here and not timed:
             return False
-    opens = kinds[0] if kinds else set[str]()
-    listed = not opens.isdisjoint(("DET", "INDEF", "AT", "NEAR")) and not aside
+    joined = _JOINED.match(" ".join(words))
+    opens = kinds[len(joined[0].split()) if joined else 0 :][:1]
+    listed = any(not here.isdisjoint(("DET", "INDEF", "AT", "NEAR", *_TO)) for here in opens) and not aside
     if words[:1] in (("it",), ("they",)):
         return False  # "it wobbles" may tell which one
     if not sentence.unknown:  # "good day to you", but "to that"
         return all(here.isdisjoint(("IT", "THAT", "POINT", "MAP", "NEED", "WHENEVER")) for here in kinds)
-    return not (listed and not any("IS" in here for here in kinds))
+    owned = "'s"  # "and to my uncle's harp"
+    return not (listed and not any("IS" in here and word != owned for word, here in zip(words, kinds, strict=True)))
 
 
 def _kinds(sentence: Sentence) -> list[set[str]]:

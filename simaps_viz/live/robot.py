@@ -309,18 +309,24 @@ class Bundle:
     pose: CameraPose
 
 
+Clock = Callable[[], float]
+
+
 class Assembler:
     """Takes messages in the order they come, and returns bundles in that of their stamps. Not for several threads."""
 
-    def __init__(self, wanted: tuple[str, ...], transforms: LiveTransforms, traffic: Traffic) -> None:
+    def __init__(
+        self, wanted: tuple[str, ...], transforms: LiveTransforms, traffic: Traffic, clock: Clock = time.monotonic
+    ) -> None:
         """Begin with nothing.
 
         Args:
             wanted: of "color" and "masks", what is waited for.
             transforms: where poses come from.
             traffic: counts what is dropped, and why.
+            clock: by which messages arrive and wait, seconds.
         """
-        self._wanted, self._transforms, self._traffic = wanted, transforms, traffic
+        self._wanted, self._transforms, self._traffic, self._clock = wanted, transforms, traffic, clock
         self._held: dict[str, list[Message]] = {"depth": [], "color": [], "masks": []}
 
     def add(self, kind: str, message: Message) -> None:
@@ -339,7 +345,7 @@ class Assembler:
         depths = self._held["depth"]
         while depths:
             depth, busy = depths[0], len(depths) > BUSY
-            waited_s = time.monotonic() - depth.arrived_s
+            waited_s = self._clock() - depth.arrived_s
             try:
                 pose = self._transforms.pose(depth.frame, depth.stamp_ns)
             except LookupError as reason:
@@ -420,7 +426,9 @@ def topics_of(link: RobotLink) -> dict[str, str]:
 class RobotSource(Source):
     """Makes shots of what a robot sends. Malformed messages are left out and counted; one that ends may come back."""
 
-    def __init__(self, link: RobotLink, named: TopicNames, *, color: bool, traffic: Traffic) -> None:
+    def __init__(
+        self, link: RobotLink, named: TopicNames, *, color: bool, traffic: Traffic, clock: Clock = time.monotonic
+    ) -> None:
         """Connect.
 
         Args:
@@ -428,7 +436,9 @@ class RobotSource(Source):
             named: topics that a person names.
             color: colour is needed, as a network looks at it, and masks are not, as it makes them.
             traffic: counts what is left out.
+            clock: by which messages wait for each other, seconds.
         """
+        self._clock = clock
         self.name, self.link, self._named, self._color, self._traffic = link.address, link, named, color, traffic
         if color:
             self._named = replace(named, masks_topic="-", labels_topic="-")
@@ -520,7 +530,7 @@ class RobotSource(Source):
         self.segmentation_source = f"masks of {chosen.masks}" if chosen.masks else "none"
         self._kinds = {t: k for k in ("color", "depth", "masks") if (t := getattr(chosen, k))}
         wanted = tuple(kind for kind in ("color", "masks") if kind in self._kinds.values())
-        self._assembler = Assembler(wanted, self._transforms, self._traffic)
+        self._assembler = Assembler(wanted, self._transforms, self._traffic, self._clock)
 
     def _on_message(self, topic: str, data: bytes, sent_ns: int) -> None:
         """Take a message, from the link's thread: pictures are decoded later, all else at once."""
@@ -536,7 +546,7 @@ class RobotSource(Source):
         assert self._assembler is not None
         if topic in self._kinds:
             taken_ns = raw_stamp_ns(data, ros2=True)
-            message = Message(taken_ns, (kind, data), sent_ns, raw_frame(data), time.monotonic())
+            message = Message(taken_ns, (kind, data), sent_ns, raw_frame(data), self._clock())
             self._assembler.add(self._kinds[topic], message)
         elif topic == chosen.info:
             if self._lens is None:

@@ -216,6 +216,17 @@ def test_there_are_enough_phrases() -> None:
     assert len({said for said, _, _ in ALL}) == len(ALL) >= 80
 
 
+@pytest.mark.parametrize("said", ["go to the table, then to the harp", "go to the couch. After that to the harp."])
+def test_a_further_goal_is_never_talk(said: str) -> None:
+    assert read_command(said, LABELS).program.endswith('robot.move_to_object(search("harp"))')
+
+
+@pytest.mark.parametrize("said", ["first the couch, then the harp", "go to the couch, and to my uncle's harp"])
+def test_where_a_further_goal_is_not_understood_nothing_is_done(said: str) -> None:
+    with pytest.raises(CommandError, match=r"harp|uncle"):
+        read_command(said, LABELS)
+
+
 def test_a_word_that_takes_in_the_full_stop_is_no_traceback() -> None:
     read = read_command("Chair that's closest to the table, there you wait.", LABELS)
     assert read.program.startswith('robot.move_to_object(nearest(things("chair"), 1, nearest(things("dining table"))))')

@@ -3,7 +3,7 @@
 import dataclasses
 import json
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache, cached_property
 from pathlib import Path
 from types import SimpleNamespace
@@ -550,13 +550,13 @@ def test_what_no_cell_shows_is_spoken_of_where_it_stands_on_or_under_something()
     assert sliver.objects == sliver.instances
 
 
-def test_what_a_glance_made_is_counted_apart() -> None:
+def test_what_a_glance_made_is_said_to_be_doubtful() -> None:
     simap = toy_map()
     ones = [dataclasses.replace(one, frames=2 if one.id == 3 else 9) for one in simap.instances]
     many = dataclasses.replace(simap, instances=tuple(ones), frame_names=tuple(f"{i}" for i in range(200)))
     assert many.doubtful == {3} and not simap.doubtful  # of so few frames one is enough
 
-    def asked(question: str) -> dict[str, Any]:
+    def asked(question: str) -> Mapping[str, Any]:
         answer = simaps_viz.ask(many, question, pose=TOY_POSE).answer
         assert answer is not None
         return answer
