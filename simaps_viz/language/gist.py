@@ -121,8 +121,10 @@ def is_talk(said: str, sentence: Sentence) -> bool:
         return False  # "it wobbles" may tell which one
     if not sentence.unknown:  # "good day to you", but "to that"
         return all(here.isdisjoint(("IT", "THAT", "POINT", "MAP", "NEED", "WHENEVER")) for here in kinds)
-    owned = "'s"  # "and to my uncle's harp"
-    return not (listed and not any("IS" in here and word != owned for word, here in zip(words, kinds, strict=True)))
+    states = any(
+        "IS" in here and word != "'s" for word, here in zip(words, kinds, strict=True)
+    )  # not "my uncle's harp"
+    return states or not listed
 
 
 def _kinds(sentence: Sentence) -> list[set[str]]:

@@ -28,7 +28,7 @@ _WIDE: Final = frozenset((*KINDS["storage"], *KINDS["picture"], "couch", "tv", "
 """What is deep rather than long: its longer side is its width."""
 _LANDMARK_M: Final = 1.0
 _COUNTED: Final = ("count", "whether", "where", "which")
-"""Questions whose answers count the doubtful apart."""
+"""Questions whose answers say how many are doubtful beside the number."""
 _BENDS: Final = ((25.0, "straight on"), (60.0, "bear {}"), (130.0, "turn {}"), (180.1, "turn around"))
 """(degrees up to which, what a turn is called)."""
 _COMPASS: Final = ("east", "north-east", "north", "north-west", "west", "south-west", "south", "south-east")
@@ -111,24 +111,24 @@ def _nothing(found: Things, kind: str) -> Told:
     return text, 0 if kind == "count" else None, []
 
 
-def _number(sets: "Sets", found: Things, where: str = "") -> tuple[str, int]:
-    """Return how many there are in words, with how many of them are doubtful, and as a number."""
+def _number(sets: "Sets", found: Things, where: str = "") -> str:
+    """Return how many there are, and how many of them are doubtful, in words."""
     n, doubtful = len(found), sum(thing.id in sets.simap.doubtful for thing in found.items)
-    some = "all" if doubtful == n else f"{doubtful}"
+    some = "all" if doubtful == n else doubtful
     more = f", {some} of them doubtful" if doubtful and n > 1 else ""
-    return f"{'is' if n == 1 else 'are'} {found.number(n)}{where}{more}", n
+    return f"{'is' if n == 1 else 'are'} {found.number()}{where}{more}"
 
 
 def _count(sets: "Sets", found: Things) -> Told:
-    said, n = _number(sets, found, "" if found.after else " on this map")
-    return f"There {said}.", n, list(found.items)
+    where = "" if found.after else " on this map"
+    return f"There {_number(sets, found, where)}.", len(found), list(found.items)
 
 
 def _whether(sets: "Sets", found: Things) -> Told:
     nearest = sets.ranked(found.items)[0]
     if len(found) == 1:
         return f"Yes, there is one {found.one}; it is {place_of(sets, nearest)}.", True, list(found.items)
-    return f"Yes, there {_number(sets, found)[0]}; the nearest is {place_of(sets, nearest)}.", True, list(found.items)
+    return f"Yes, there {_number(sets, found)}; the nearest is {place_of(sets, nearest)}.", True, list(found.items)
 
 
 def _where(sets: "Sets", found: Things) -> Told:
@@ -143,7 +143,7 @@ def _where(sets: "Sets", found: Things) -> Told:
         return f"{text}{tied}.", first.label, [first]
     places = "; ".join(place_of(sets, i) for i in found.items[:_MAX_LISTED])
     more = "; …" if len(found) > _MAX_LISTED else ""
-    return f"There {_number(sets, found)[0]}: {places}{more}.", first.label, list(found.items)
+    return f"There {_number(sets, found)}: {places}{more}.", first.label, list(found.items)
 
 
 def _what(sets: "Sets", found: Things) -> Told:

@@ -28,7 +28,7 @@ from simaps_viz.viewer.panels.command import (
     open_floor,
     program_html,
 )
-from simaps_viz.viewer.scene.camera import PANEL_WIDTH_PX, RIM_PX, SEES_M, Viewpoints, slanted_view, top_view
+from simaps_viz.viewer.scene.camera import INSIST_S, PANEL_WIDTH_PX, RIM_PX, SEES_M, Viewpoints, slanted_view, top_view
 
 coordinate = st.floats(-20.0, 20.0)
 pose_rows = st.lists(st.tuples(coordinate, coordinate, st.floats(-3.1, 3.1)), min_size=1, max_size=12)
@@ -257,3 +257,18 @@ def test_a_page_that_forgot_how_wide_its_camera_opens_is_told_again():
     camera.fov = wide
     camera.told(None)
     assert camera.fov == wider
+
+
+def test_while_the_panels_are_being_docked_the_map_is_not_fitted_anew():
+    camera = ForgetfulCamera()
+    link = SimpleNamespace(queue_message=lambda message: None)
+    client = SimpleNamespace(camera=camera, atomic=nullcontext, _websock_connection=link)
+    viewpoints = Viewpoints(client, (0.0, 0.0, 20.0, 10.0))  # type: ignore[arg-type]
+    docked = camera.position
+    for camera.aspect in (2.044, 1.9, 1.62, 1.6):  # the canvas gets narrower
+        camera.told(None)
+        assert camera.position == docked
+    viewpoints._begun_s -= INSIST_S
+    camera.aspect = 1.62  # later on a panel is made narrower by hand
+    camera.told(None)
+    assert camera.position != docked

@@ -136,11 +136,12 @@ class Viewpoints:
         """Where a page begins; one that takes long to be set up is there again long after it was sent elsewhere."""
         self._put_there: deque[View] = deque([self._first], maxlen=8)
         self._lock = threading.RLock()
-        # A page begins with a canvas of its own size, and reports it again while the panels are being docked.
+        # A page begins with a canvas of its own size, which gets its shape bit by bit while panels are being docked.
         size_px = client.camera.image_width, client.camera.image_height
-        self._whole = size_px[0] / max(size_px[1], 1)
+        docked = docked_aspect(*size_px)
+        self._docking = sorted((docked, size_px[0] / max(size_px[1], 1)))
         client.camera.on_update(lambda _: self._updated())
-        self._fit(docked_aspect(*size_px))
+        self._fit(docked)
 
     def look(self, name: str) -> None:
         """Go to the top view or the slanted one."""
@@ -218,8 +219,8 @@ class Viewpoints:
                 return
             now_s, aspect = time.monotonic(), self._client.camera.aspect
             lately = now_s - self._put_at_s < INSIST_S
-            undocked = now_s - self._begun_s < INSIST_S and aspect == self._whole
-            kept = undocked or (lately and self._left_by_user)
+            docking = now_s - self._begun_s < INSIST_S and self._docking[0] <= aspect <= self._docking[1]
+            kept = docking or (lately and self._left_by_user)
             if abs(aspect - self._aspect) >= 0.005 and not kept:
                 self._fit()
             elif (lately or self._is_at(self._first)) and self._target is not None and not self._is_at(self._target[0]):
