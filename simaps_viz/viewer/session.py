@@ -145,17 +145,21 @@ class Layout:
         # viser cannot open a tab: the page's script does, when this names one anew.
         self._open, self._turn = gui.add_html(""), 0
 
-    def settle(self, page_px: object) -> None:
+    def settle(self, page_px: object, height_px: object) -> None:
         """Show the recorded build beside the map where there is room for both, once the browser has docked it folded.
 
         Args:
             page_px: width of the page, as it reported it.
+            height_px: its height, likewise; what is no size is not used.
         """
         if self._recording is not None and isinstance(page_px, int | float) and ROOMY_PX <= page_px < MAX_PX:
             beside = int((1.0 - MAP_SHARE) * page_px) - PANEL_WIDTH_PX - 2 * RIM_PX
             self._recording.set_width(min(RECORDING_WIDTH_PX, beside))
             self._recording.expand()
         self._page.is_phone = isinstance(page_px, int | float) and page_px < PHONE_PX
+        if isinstance(page_px, int | float) and isinstance(height_px, int | float):
+            if 0 < page_px < MAX_PX and 0 < height_px < MAX_PX:
+                self._page.viewpoints.settle(page_px, height_px)
 
     def unfold_recording(self) -> None:
         """Show the recorded build beside the map."""
@@ -228,9 +232,9 @@ class Session(Page):
         """Show the recorded build."""
         self._layout.unfold_recording()
 
-    def settle(self, width_px: object = None) -> None:
-        """Lay the panels out anew, now that the browser shows them on a page of that width."""
-        self.worker.submit("settle", lambda: self._layout.settle(width_px))
+    def settle(self, width_px: object = None, height_px: object = None) -> None:
+        """Lay the panels and the map out anew, now that the browser shows them on a page of that size."""
+        self.worker.submit("settle", lambda: self._layout.settle(width_px, height_px))
 
     def reveal(self, title: str, *, only_from: str = "", focus: str = "") -> None:
         """Open a tab of this page; arguments as of `Page.reveal`."""

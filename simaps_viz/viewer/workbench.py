@@ -245,7 +245,7 @@ class Workbench:
             return None
         name, state = self.tabs.claim(event.get("tab"), token)
         session.begin(state)
-        session.settle(event.get("width"))
+        session.settle(event.get("width"), event.get("height"))
         return {"tab": name}
 
     def _recording_told(self, event: dict[str, Any], token: str) -> None:

@@ -272,3 +272,21 @@ def test_while_the_panels_are_being_docked_the_map_is_not_fitted_anew():
     camera.aspect = 1.62  # later on a panel is made narrower by hand
     camera.told(None)
     assert camera.position != docked
+
+
+def test_a_page_that_begins_docked_is_fitted_to_once_its_size_is_known():
+    camera = ForgetfulCamera()
+    link = SimpleNamespace(queue_message=lambda message: None)
+    client = SimpleNamespace(camera=camera, atomic=nullcontext, _websock_connection=link)
+    page_px = camera.image_width, camera.image_height
+    Viewpoints(client, (0.0, 0.0, 20.0, 10.0))  # type: ignore[arg-type]
+    docked = camera.position
+    camera.image_width -= PANEL_WIDTH_PX + RIM_PX  # a slow page says where its camera is after it is laid out
+    viewpoints = Viewpoints(client, (0.0, 0.0, 20.0, 10.0))  # type: ignore[arg-type]
+    assert camera.position[2] > 1.2 * docked[2], "it was taken for a whole page"
+    viewpoints.settle(*page_px)
+    assert camera.position == docked
+    viewpoints.look_at((2.0, 2.0, 4.0, 4.0))
+    near = camera.position
+    viewpoints.settle(900, 900)
+    assert camera.position == near, "what a person looks at is left alone"

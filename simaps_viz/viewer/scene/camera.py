@@ -136,12 +136,15 @@ class Viewpoints:
         """Where a page begins; one that takes long to be set up is there again long after it was sent elsewhere."""
         self._put_there: deque[View] = deque([self._first], maxlen=8)
         self._lock = threading.RLock()
-        # A page begins with a canvas of its own size, which gets its shape bit by bit while panels are being docked.
-        size_px = client.camera.image_width, client.camera.image_height
-        docked = docked_aspect(*size_px)
-        self._docking = sorted((docked, size_px[0] / max(size_px[1], 1)))
         client.camera.on_update(lambda _: self._updated())
-        self._fit(docked)
+        # The canvas of a page that has just begun is mostly still as large as the page.
+        self._dock(client.camera.image_width, client.camera.image_height)
+
+    def settle(self, width_px: float, height_px: float) -> None:
+        """Fit the map to the canvas that a page of some size will have, if it was guessed wrongly."""
+        with self._lock:
+            if abs(self._aspect - docked_aspect(width_px, height_px)) >= 0.005 and not self._moved():
+                self._dock(width_px, height_px)
 
     def look(self, name: str) -> None:
         """Go to the top view or the slanted one."""
@@ -225,6 +228,12 @@ class Viewpoints:
                 self._fit()
             elif (lately or self._is_at(self._first)) and self._target is not None and not self._is_at(self._target[0]):
                 _send(self._client, *self._target)
+
+    def _dock(self, width_px: float, height_px: float) -> None:
+        docked = docked_aspect(width_px, height_px)
+        # The canvas gets its shape bit by bit while the panels are being docked.
+        self._docking = sorted((docked, width_px / max(height_px, 1)))
+        self._fit(docked)
 
     def _fit(self, aspect: float | None = None) -> None:
         self._aspect, self._left_by_user = self._client.camera.aspect if aspect is None else aspect, False
