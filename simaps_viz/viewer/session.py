@@ -18,7 +18,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib import resources
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeGuard, TypeVar
 
 import viser
 
@@ -157,9 +157,8 @@ class Layout:
             self._recording.set_width(min(RECORDING_WIDTH_PX, beside))
             self._recording.expand()
         self._page.is_phone = isinstance(page_px, int | float) and page_px < PHONE_PX
-        if isinstance(page_px, int | float) and isinstance(height_px, int | float):
-            if 0 < page_px < MAX_PX and 0 < height_px < MAX_PX:
-                self._page.viewpoints.settle(page_px, height_px)
+        if _is_length(page_px) and _is_length(height_px):
+            self._page.viewpoints.settle(page_px, height_px)
 
     def unfold_recording(self) -> None:
         """Show the recorded build beside the map."""
@@ -172,6 +171,10 @@ class Layout:
         what = f'data-simaps-tab="{title}" data-from="{only_from}" data-focus="{escape(focus)}"'
         what += f' data-turn="{self._turn}"'
         self._open.content = f"<i hidden {what}></i>"
+
+
+def _is_length(told: object) -> TypeGuard[float]:
+    return isinstance(told, int | float) and 0 < told < MAX_PX
 
 
 def _dock_recording(page: Page) -> viser.PanelHandle | None:
