@@ -8,6 +8,7 @@ import numpy as np
 
 from simaps_viz.colors.classes import plural
 from simaps_viz.mapping.explain import needed_text, score_text
+from simaps_viz.mapping.in_space import has_voxels
 from simaps_viz.mapping.partition import applied_steps, owner_of_community
 from simaps_viz.mapping.simap import joining_threshold
 from simaps_viz.structures import Instance, SIMap
@@ -62,6 +63,8 @@ def doubts(simap: SIMap, but: Collection[int] = ()) -> tuple[Doubt, ...]:
             text = f"It has {share:.2g} times the area that is usual for its class here: it may be"
             about.append((min(share / LARGE - 1.0, 0.8), f"{share:.1f} times the usual size", f"{text} several."))
             about.append((0.6 * (1.0 - share / SMALL), "far below the usual size", f"{text} a part of one, or none."))
+        if not has_voxels(simap):  # columns would tell nothing new, and those of a large map fill the memory
+            continue
         if one.box is not None and not one.under:
             long_m, wide_m, _ = one.box.size_m
             share = one.area_m2(simap.spec.cell_size_m) / max(long_m * wide_m, 1e-6)

@@ -35,6 +35,7 @@ def test_an_object_of_few_cells_below_a_large_box_is_doubtful(monkeypatch):
     area_m2 = couch.area_m2(sure.spec.cell_size_m)
     for times, doubtful in ((1.0, False), (20.0, True)):
         box = Box((0.0, 0.0, 0.5), (area_m2 * times, 1.0, 1.0), 0.0)
+        monkeypatch.setattr("simaps_viz.mapping.doubts.has_voxels", lambda _: True)
         monkeypatch.setattr(SIMap, "in_space", {couch.id: InSpace(box, {}, {}, {}, 100, (0, 0, 0))})
         said = {one.instance.id: one.brief for one in doubts(sure)}
         assert (said.get(couch.id) == "few cells for its size") == doubtful
@@ -46,11 +47,18 @@ def test_what_lies_inside_a_thing_of_another_class_may_be_a_part_of_it(monkeypat
     sure = replace(simap, instances=tuple(replace(one, score=0.95, frames=50) for one in simap.instances))
     couch, table = sure.of_class("couch")[0], sure.by_id(8)
     box = Box((0.0, 0.0, 0.5), (0.1, 0.1, 0.1), 0.0)
+    monkeypatch.setattr("simaps_viz.mapping.doubts.has_voxels", lambda _: True)
     monkeypatch.setattr(SIMap, "in_space", {couch.id: InSpace(box, on, {}, inside, 100, (0, 0, 0))})
     said = {one.instance.id: one for one in doubts(sure)}
     assert (couch.id in said) == doubtful and table.label != couch.label
     if doubtful:
         assert said[couch.id].brief == f"shares its place with {table.name}" and "70%" in said[couch.id].reasons[0]
+
+
+def test_a_map_without_voxels_is_not_asked_where_things_are_in_space(monkeypatch):
+    simap = toy_map()
+    monkeypatch.setattr(SIMap, "in_space", property(lambda _: pytest.fail("columns were filled")))
+    assert all(one.weight > 0.0 for one in doubts(with_facts(simap, simap.instances[0].id, score=0.1)))
 
 
 def test_what_a_slim_margin_joins_or_leaves_apart_is_doubtful():
