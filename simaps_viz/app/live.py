@@ -403,7 +403,7 @@ class _LivePage:
         self._opened.finish(simap if self.mending is None else self.mending.simap(), panels, recorded)
         if not self._ended:
             stream.finish()
-        note(f"{self._output}: {workbench.counts_in_words(simap.counts())}", *self.faults)
+        note(f"{self._output}: {workbench.all_counts(simap)}", *self.faults)
         return " ".join((f"Saved as {self._output}.", *self.faults))
 
 

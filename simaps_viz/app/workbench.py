@@ -18,6 +18,7 @@ from simaps_viz.console.terminal import note
 from simaps_viz.datasets.floors import SomeFrames, indices_of
 from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.datasets.source import FrameSource
+from simaps_viz.drawing.legend import counts_text
 from simaps_viz.errors import InputError, PlanningError
 from simaps_viz.geometry import turned, upright_turns
 from simaps_viz.language.commands import Reading, read_command
@@ -299,6 +300,6 @@ def language_model(llm: str | None) -> "LanguageModel | None":
     return LanguageModel(str(model.settings), ask)
 
 
-def counts_in_words(counts: dict[str, int] | Sequence[tuple[str, int]]) -> str:
-    """Return the classes of a map with their counts, as "chair (17), dining table (4)"."""
-    return ", ".join(f"{name} ({n})" for name, n in dict(counts).items()) or "no instances"
+def all_counts(simap: SIMap) -> str:
+    """Describe what is on the map in a terminal, with all classes, as the page counts."""
+    return counts_text(simap, most=len(simap.grid.labels))

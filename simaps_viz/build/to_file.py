@@ -25,6 +25,7 @@ from simaps_viz.build.seen_colors import with_colors
 from simaps_viz.console.progress import BuildProgress, StageProgress
 from simaps_viz.console.terminal import note
 from simaps_viz.datasets.source import FrameSource
+from simaps_viz.drawing.legend import counted
 from simaps_viz.errors import InputError
 from simaps_viz.events import Observer
 from simaps_viz.io.files import left_beside
@@ -283,7 +284,7 @@ def build_building(
         finish: called with each map, its frames and its path, once it is written; returns the map.
 
     Returns:
-        The building, and of each floor {class: number of objects}.
+        The building, and of each floor {class: objects that count}.
 
     Raises:
         InputError: as for `build_to_file`.
@@ -319,7 +320,7 @@ def build_building(
             simap = finish(simap, part, path)
             done[path.name] = key
             write_whole(begun, json.dumps(done).encode(), "the state of the build")
-        counts.append(simap.counts())
+        counts.append(counted(simap))
     name = "".join(c for c in sequence.name if c.isprintable())[:MAX_NAME]
     building = Building(
         name,

@@ -69,11 +69,12 @@ class Build:
 
     def run(self) -> int:
         """Build the map and print what is on it."""
-        from simaps_viz.app.workbench import counts_in_words
+        from simaps_viz.app.workbench import all_counts
         from simaps_viz.build.to_file import BuildRequest, build_to_file, resume_hint
         from simaps_viz.console.progress import stage_progress
         from simaps_viz.console.terminal import report
         from simaps_viz.datasets.floors import find_floors
+        from simaps_viz.drawing.legend import counted
         from simaps_viz.io.files import check_ending
         from simaps_viz.segmentation.chosen_frames import config_for
 
@@ -109,13 +110,13 @@ class Build:
         if (floors := len(find_floors(sequence))) > 1:
             notes.append(f"it goes over {floors} floors, and a map holds one: -o NAME.json makes a map for each")
         record = {"event": "done", "map": str(self.output), "record": str(self.record) if self.record else None,
-                  "counts": simap.counts(), "instances": len(simap.instances), "skipped": skipped,
+                  "counts": counted(simap), "instances": len(simap.instances), "skipped": skipped,
                   "notes": notes, "seconds": progress.clock.seconds()}  # fmt: skip
         lost = [f"{skipped} of {len(sequence)} frames could not be read and were skipped"] if skipped else []
         report(
             record,
             *(f"{sequence.path}: {text}" for text in (*notes, *lost)),
-            f"{self.output}: {counts_in_words(simap.counts())}",
+            f"{self.output}: {all_counts(simap)}",
             f"Look at it: simaps view {self.output}",
             json=self.json,
         )
@@ -125,8 +126,8 @@ class Build:
         self, sequence: "FrameSource", request: "BuildRequest", embedding: "Embedding | None", progress: "StageProgress"
     ) -> int:
         """Build a building, and print what is on each floor."""
-        from simaps_viz.app.workbench import counts_in_words
         from simaps_viz.build.to_file import build_building
+        from simaps_viz.colors.classes import plural
         from simaps_viz.console.terminal import report
         from simaps_viz.embedding.describe import describe_to_file
 
@@ -144,7 +145,11 @@ class Build:
             {"event": "done", "building": str(self.output), "floors": floors, "stairs": len(building.stairs),
              "notes": notes, "seconds": progress.clock.seconds()},
             *(f"{sequence.path}: {text}" for text in notes),
-            *(f"{f.map}: floor {f.number}, {f.height_m:.2f} m: {counts_in_words(count)}" for f, count in found),
+            *(
+                f"{one.map}: floor {one.number}, {one.height_m:.2f} m: "
+                f"{', '.join(plural(n, label) for label, n in count.items()) or 'no objects'}"
+                for one, count in found
+            ),
             f"Look at it: simaps view {self.output} --floor {len(floors)}",
             json=self.json,
         )  # fmt: skip

@@ -49,14 +49,14 @@ class Demo:
         if self.serve and self.place == "cafe":
             shipped = demo.shipped_demo(self.mapping.method, self.mapping.config(), self.errors)
         if shipped is not None:
-            note(f"On the map: {workbench.counts_in_words(shipped.counts())}")
+            note(f"On the map: {workbench.all_counts(shipped)}")
             demo.serve_shipped(shipped, llm=self.llm, **serving)
             return OK
         with stage_progress() as progress:
             manifest = ensure_demo(place=self.place, level=self.errors, cache_dir=cache_folder(), progress=progress)
             sequence = open_sequence(manifest)
             simap, recording = workbench.cached_build(sequence, self.mapping.method, self.mapping.config(), progress)
-        note(f"On the map: {workbench.counts_in_words(simap.counts())}")
+        note(f"On the map: {workbench.all_counts(simap)}")
         if self.serve:
             mending = open_mending(recording.with_suffix(".npz"), simap)
             workbench.serve(simap, recording=recording, llm=self.llm, mending=mending, **serving)

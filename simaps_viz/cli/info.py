@@ -82,11 +82,12 @@ def summary(simap: "SIMap") -> dict[str, Any]:
     """Return a map's facts, JSON-able."""
     import numpy as np
 
+    from simaps_viz.drawing.legend import counted, not_counted
     from simaps_viz.exports.records import space_record
     from simaps_viz.mapping.changes import as_json, changes_in
     from simaps_viz.mapping.in_space import all_instances, has_voxels
 
-    spec = simap.spec
+    spec, uncounted = simap.spec, not_counted(simap, simap.doubtful)
     return {
         "name": simap.provenance.get("name"),
         "method": simap.method,
@@ -98,11 +99,14 @@ def summary(simap: "SIMap") -> dict[str, Any]:
         "extent_m": [round(v, 3) for v in spec.extent_m],
         "seen_m2": round(float(np.count_nonzero(simap.grid.observations)) * spec.cell_size_m**2, 2),
         "frames": len(simap.frame_names),
-        "counts": simap.counts(),
+        "counts": counted(simap),
         "colored": sum(simap.color_of(one) is not None for one in simap.instances),
         "described": simap.described,
         "boxes_from": "surface voxels" if has_voxels(simap) else "columns",
-        "instances": [{**asdict(one), **space_record(one)} for one in all_instances(simap)],
+        "instances": [
+            {**asdict(one), **space_record(one), "not_counted": uncounted.get(one.id, "")}
+            for one in all_instances(simap)
+        ],
         "changes": as_json(changes_in(simap)),
         "rooms": [
             {name: getattr(room, name) for name in ("id", "name", "polygon_m", "area_m2", "objects")}
@@ -115,6 +119,7 @@ def map_tables(facts: dict[str, Any]) -> "list[Table]":
     """Lay out a map's facts, see `summary`: a table of the map, then one of its instances."""
     from rich.table import Table
 
+    from simaps_viz.colors.classes import plural
     from simaps_viz.mapping.mending import people_in_words
 
     head = Table(show_header=False, box=None, title=f"{facts['name']}", title_justify="left")
@@ -124,6 +129,9 @@ def map_tables(facts: dict[str, Any]) -> "list[Table]":
         "seen": f"{facts['seen_m2']:.1f} m² in {facts['frames']} frames",
         "segmentation": str(facts["provenance"].get("segmentation")),
     }
+    faint = sum(one["not_counted"] == "doubtful" for one in facts["instances"])
+    counts = [plural(n, label) for label, n in facts["counts"].items()]
+    rows["objects"] = ", ".join([*counts, *[f"{faint} more doubtful"] * (faint > 0)]) or "none"
     if sequence := facts["provenance"].get("sequence"):
         rows["from"] = str(sequence)
     if facts["described"]:
@@ -140,7 +148,8 @@ def map_tables(facts: dict[str, Any]) -> "list[Table]":
     for one in facts["instances"]:
         x, y, _ = one["centroid_m"]
         area = one["cells"] * facts["cell_size_m"] ** 2
-        body.add_row(str(one["id"]), one["label"], str(one["cells"]), f"{area:.2f}", f"{x:.2f}", f"{y:.2f}",
+        label = ", ".join(filter(None, (one["label"], one["not_counted"])))
+        body.add_row(str(one["id"]), label, str(one["cells"]), f"{area:.2f}", f"{x:.2f}", f"{y:.2f}",
                      str(one["frames"]), f"{one['score']:.2f}")  # fmt: skip
     return [head, body]
 

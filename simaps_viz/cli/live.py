@@ -71,8 +71,9 @@ class Live:
     def run(self) -> int:
         """Let the map grow, and print what is on it."""
         from simaps_viz.app.live import run_source, watch_source
-        from simaps_viz.app.workbench import counts_in_words
+        from simaps_viz.app.workbench import all_counts
         from simaps_viz.console.terminal import note, report
+        from simaps_viz.drawing.legend import counted
         from simaps_viz.io.files import check_ending
         from simaps_viz.live.drive import MapPublisher
         from simaps_viz.live.robot import RobotSource
@@ -114,13 +115,13 @@ class Live:
                 return OK
             simap, live = run_source(request, tell=(lambda line: None) if self.json else note)
         record = {"event": "done", "map": str(self.output), "record": str(self.record) if self.record else None,
-                  "counts": simap.counts(), "instances": len(simap.instances), "shots": live.traffic.placed,
+                  "counts": counted(simap), "instances": len(simap.instances), "shots": live.traffic.placed,
                   "with_masks": live.traffic.named, "dropped": live.traffic.dropped, "moved": live.moved,
                   "notes": live.growing.notes, "earlier": simap.provenance["live"].get("earlier"),
                   "changes": as_json(live.growing.changes())}  # fmt: skip
         lines = [*live.growing.notes, *filter(None, [live.place_words()])]
         lines += [f"{one.label}: {one.words()}" for one in live.growing.changes()]
-        lines += [f"{self.output}: {counts_in_words(simap.counts())}"]
+        lines += [f"{self.output}: {all_counts(simap)}"]
         report(record, *lines, f"Look at it: simaps view {self.output}", json=self.json)
         return OK
 

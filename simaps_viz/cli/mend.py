@@ -116,6 +116,8 @@ def _arguments(kinds: str, words: list[str]) -> list[Any]:
 
 
 def _report(command: Mend, mending: "Mending", simap: "SIMap") -> tuple[list[str], dict[str, Any]]:
+    from simaps_viz.drawing.legend import counted
+
     entries, refused = [entry.to_json() for entry in mending.log.entries], mending.refused()
     lines = [f"{i}. {entry['when']}  {entry['who']}  {entry['what']}" for i, entry in enumerate(entries, start=1)]
     lines += [f"not done: {why}" for why in refused]
@@ -128,5 +130,5 @@ def _report(command: Mend, mending: "Mending", simap: "SIMap") -> tuple[list[str
         "undone": len(mending.log.undone),
         "not_done": list(refused),
         "output": str(command.output) if command.output else None,
-        "counts": simap.counts(),
+        "counts": counted(simap),
     }

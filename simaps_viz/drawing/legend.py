@@ -45,16 +45,20 @@ def counts_of(simap: SIMap, doubtful: Collection[int] | None = None) -> dict[str
     return {label: (n, more) for label, (n, more) in sorted(both.items(), key=lambda row: (-row[1][0], row[0]))}
 
 
+def counted(simap: SIMap, doubtful: Collection[int] | None = None) -> dict[str, int]:
+    """Return {class: objects that count}, see `counts_of`, of those of which any do."""
+    return {label: n for label, (n, _) in counts_of(simap, doubtful).items() if n}
+
+
 def counts_text(simap: SIMap, most: int = 4, doubtful: Collection[int] | None = None) -> str:
     """Describe what is on the map: "17 chairs, 4 dining tables · 21 instances, 2 more doubtful"."""
     if not simap.objects:
         return f"No instances: {why_empty(simap)}"
-    counts = counts_of(simap, doubtful)
-    sure = {label: n for label, (n, _) in counts.items() if n}
+    sure = counted(simap, doubtful)
     parts = [plural(n, short(label)) for label, n in sure.items()]
     if len(parts) > most + 1:
         parts = [*parts[:most], f"{len(parts) - most} more classes"]
-    more = sum(faint for _, faint in counts.values())
+    more = sum(faint for _, faint in counts_of(simap, doubtful).values())
     total = plural(sum(sure.values()), "instance") + (f", {more} more doubtful" if more else "")
     return " · ".join(filter(None, [", ".join(parts), total]))
 

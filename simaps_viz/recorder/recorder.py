@@ -486,10 +486,11 @@ class RerunRecorder:
         self._camera_log.log(_upright(event))
         self._map_log.log_frame(event, last=index == len(names) - 1)
         simulated = ", simulated" if self._started is not None and self._started.simulated else ""
+        last = f", the last is {len(names) - 1}" if names else ""
         self._stream.log(
             "/now",
             markdown(
-                f"**Frame {index + 1}{f' of {len(names)}' if names else ''}** ({event.frame.name}{simulated}):"
+                f"**Frame {index}{last}** ({event.frame.name}{simulated}):"
                 f" {plural(len(event.segmentation.segments), 'segment')}, {plural(len(event.new_edges), 'new edge')}."
             ),
         )

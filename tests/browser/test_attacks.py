@@ -61,7 +61,7 @@ def test_no_name_runs_a_script_on_the_page(opened):
     has_come(page, f"{IMAGE}\n{SCRIPT}\n")
     has_come(page, f"Unexpected error (ValueError)\n{IMAGE}{SCRIPT}")
     page.get_by_role("tab", name="Build").click()
-    has_come(page, f"Picture {simap.frame_names[-1]} of the sequence")
+    has_come(page, f"is picture {simap.frame_names[-1]} of the sequence")
     page.wait_for_timeout(200)
     assert not page.evaluate(PWNED)
     page.get_by_role("tab", name="Command").click()

@@ -396,7 +396,7 @@ def test_escape_closes_the_enlarged_picture_and_nothing_else(bench, page):
     select_chair_1(page, bench)
     session.show_frame(0)
     tab(page, "Masks")
-    expect(page.get_by_text("Frame 0010, 1 of 3.")).to_be_visible()
+    expect(page.get_by_text("Frame 0, the last is 2: picture 0010 of the sequence.")).to_be_visible()
     page.get_by_role("button", name="Enlarge").click()
     window = page.locator(".mantine-Modal-content")
     expect(window).to_be_visible()

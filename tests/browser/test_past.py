@@ -81,7 +81,7 @@ def test_the_past_is_marked_and_one_button_ends_it(bench, page):
     session = mine(bench)
     fill(page, "Frame", "5")
     page.get_by_role("tab", name="Map", exact=True).click()
-    expect(page.get_by_text(f"as of frame 6 of {FRAMES}").first).to_be_visible()
+    expect(page.get_by_text(f"as of frame 5, the last is {FRAMES - 1}").first).to_be_visible()
     until(page, lambda: session.scene._scene.get_handle_by_name("/badge") is not None)
     page.get_by_role("button", name="Show the finished map").click()
     until(page, lambda: at_end(session))

@@ -21,7 +21,7 @@ def bench(browser):
         panel = SegmentationPanel(desk, toy_segmentation())
         panel.time_changed(0, None)
         page.goto(f"{desk.url}/?fixedDpr=1")
-        see(page, "Frame 0010, 1 of 3.")
+        see(page, "Frame 0, the last is 2: picture 0010")
         yield desk, panel, page, desk.frames
         panel.close()
         assert desk.errors == []
@@ -31,7 +31,7 @@ def test_masks_are_switched_stepped_and_thresholds_tried(bench):
     _, panel, page, chosen = bench
     see(page, "As the map was built: 2 segments, 50.0 % of the picture.")
     page.get_by_text("Next", exact=True).click()
-    see(page, "Frame 0011, 2 of 3.")
+    see(page, "Frame 1, the last is 2: picture 0011")
     until(page, lambda: chosen == [1])
     score = field_of(page, "Score")
     score.fill("0.7")
@@ -48,8 +48,8 @@ def test_masks_are_switched_stepped_and_thresholds_tried(bench):
     page.get_by_label("chair (1)").check()
     until(page, lambda: panel.hidden == {"floor"})
     page.get_by_text("Enlarge", exact=True).click()
-    see(page, "Frame 0011: 2 segments")
+    see(page, "Frame 1: 2 segments")
     page.get_by_text("Close", exact=True).click()
-    expect(page.get_by_text("Frame 0011: 2 segments")).not_to_be_visible()
+    expect(page.get_by_text("Frame 1: 2 segments")).not_to_be_visible()
     page.get_by_text("Next", exact=True).click()
     see(page, "0012.png: expected a picture, found 3 bytes")

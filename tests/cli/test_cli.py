@@ -14,7 +14,9 @@ from sequences import frame_name, write_manifest, write_tiny_sequence
 
 import simaps_viz
 from simaps_viz import load_map
+from simaps_viz.app.demo import SHIPPED_MAP
 from simaps_viz.cli.main import main
+from simaps_viz.drawing.legend import counted, counts_text, not_counted
 
 pytestmark = pytest.mark.slow
 
@@ -38,7 +40,7 @@ def test_build_writes_a_map_and_says_what_is_on_it(sequence, tmp_path, capsys):
     path = tmp_path / "m.npz"
     assert main(["build", str(sequence), "-o", str(path), "--method", "paper", "--k", "7", "--cell-size", "0.1"]) == 0
     out, err = capsys.readouterr()
-    assert out == "" and "chair (2)" in err
+    assert out == "" and "2 chairs · 2 instances" in err
     simap = load_map(path)
     assert simap.parameters["k_percent"] == 7.0 and simap.spec.cell_size_m == 0.1
     assert simap.provenance["sequence"] == str(sequence / "sequence.json")
@@ -58,7 +60,23 @@ def test_info(built, capsys):
     facts = json.loads(capsys.readouterr().out)
     assert facts["counts"] == {"chair": 2} and len(facts["instances"]) == 2 and facts["frames"] == 3
     assert main(["info", str(built)]) == 0
-    assert capsys.readouterr().out.count("chair") == 2
+    shown = capsys.readouterr().out
+    assert shown.count("chair") == 3 and "2 chairs" in shown
+
+
+def test_info_counts_as_the_page_does(capsys):
+    simap = load_map(SHIPPED_MAP)
+    assert simap.hidden and simap.doubtful and simap.counts() != counted(simap)
+    assert main(["info", str(SHIPPED_MAP)]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    said = counts_text(simap, most=len(simap.grid.labels))  # beside the page's map: classes · all, some doubtful
+    assert said.split(" · ")[0] in shown and said.split(", ")[-1] in shown
+    assert main(["info", str(SHIPPED_MAP), "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["counts"] == counted(simap)
+    assert {one["id"]: one["not_counted"] for one in facts["instances"] if one["not_counted"]} == not_counted(
+        simap, simap.doubtful
+    )
 
 
 def test_query_prints_a_line_a_command_each_from_the_given_pose(built, capsys):

@@ -83,4 +83,4 @@ def test_a_build_shows_its_frames_and_says_what_it_skipped(tmp_path):
     status, seen = on_terminal([*SIMAPS, "build", "tiny", "-o", "m.npz"], tmp_path)
     assert status == 0 and (tmp_path / "m.npz").is_file()
     assert seen.count(f"skipped frame {frame_name(1)}") == 1
-    assert "mapping frames" in seen and "3/3" in seen and "chair (2)" in seen
+    assert "mapping frames" in seen and "3/3" in seen and "2 chairs" in seen

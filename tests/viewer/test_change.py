@@ -1,5 +1,6 @@
 """What a moved slider changed: in words beside it, outlined for a moment, and undone and redone by one button."""
 
+import threading
 from contextlib import contextmanager
 from dataclasses import replace
 from types import SimpleNamespace
@@ -22,6 +23,7 @@ from simaps_viz.viewer.page.shared import keep_numbers, same_instances
 from simaps_viz.viewer.panels import map as map_panel
 from simaps_viz.viewer.panels.command import CommandPanel
 from simaps_viz.viewer.panels.compare import MethodPanel, item_text, method_panel
+from simaps_viz.viewer.panels.help import HelpPanel
 from simaps_viz.viewer.panels.instance import FindBox
 from simaps_viz.viewer.panels.map import FAINT, MAX_CHANGES, MapPanel, change_text, changes_between, doubtful_on
 from simaps_viz.viewer.scene.map_scene import Style
@@ -200,6 +202,46 @@ def test_reset_while_the_map_before_is_looked_at_lets_go_of_what_was_after():
         panel.reset()
         assert session.wait_idle() and np.array_equal(session.simap.instance, whole.instance)
         assert not panel._peek.visible and not panel._reset.visible and panel._peek.label == "Before and after"
+
+
+def test_before_and_after_follow_the_slider_also_while_the_map_is_still_being_cut():
+    with opened() as (_, page):
+        session, panel = page.session, page.session.panels[MapPanel]
+        session.cut_map(12.0, 1.0)
+        assert session.wait_idle()
+        # Looked at, and let go, before any other map is there: a short press of the key.
+        for k, presses in ((12.0, 2), (30.0, 2), (60.0, 1)):
+            cutting = threading.Event()
+            session.worker.submit("cutting", lambda cutting=cutting: cutting.wait(PATIENCE_S))
+            panel.set_sliders(k, 1.0)
+            panel._cut()
+            for _ in range(presses):
+                panel.peek()
+            cutting.set()
+            assert session.wait_idle()
+            if presses == 1:
+                assert panel.percent == 5.0 and f"Before: K 5 %. After, K {k:g} %:" in panel._change.content
+                panel.peek()
+                assert session.wait_idle()
+            assert panel.percent == k and panel._shown_cut.percent == k
+            assert f"Now: K {k:g} %, instead of K 5 % as it came" in panel._change.content
+            assert panel._peek.label == "Before and after"
+
+
+def test_an_object_of_another_class_ends_one_shown_alone_and_escape_shows_all():
+    with opened() as (_, page):
+        session, panel = page.session, page.session.panels[MapPanel]
+        chair, couch = (session.simap.of_class(label)[0].id for label in ("chair", "couch"))
+        panel.show_only("chair")
+        session.select(chair)
+        assert panel.shown_class == "chair"
+        session.select(couch)
+        assert panel.shown_class is None and session.selected == couch
+        panel.told({"type": "class", "name": "couch", "do": "fade"})
+        assert panel.faded == {"couch"}
+        session.panels[HelpPanel]._escape()
+        assert session.wait_idle() and not panel.faded and session.selected is None
+        assert panel.style(session.simap, Style()).lit is None
 
 
 def test_moved_again_and_again_it_is_compared_with_the_map_as_it_came():

@@ -35,6 +35,7 @@ from simaps_viz.navigation.trajectory import (
 )
 from simaps_viz.structures import Pose2
 from simaps_viz.viewer.panels.command import (
+    PAST,
     CommandPanel,
     beyond_text,
     each_why,
@@ -422,6 +423,20 @@ def test_the_doubtful_among_the_candidates_are_counted_apart_as_on_the_map():
             until(lambda: "Done" in shown(bench))
             assert bench.wait_idle() and bool(faint) == said
             assert (f"Of these 3, {faint} " in shown(bench)) == said
+
+
+def test_what_is_typed_while_an_earlier_map_is_shown_says_which_map_it_is_for():
+    with toy_workbench(real_services()) as bench, fake_page(bench):
+        session, panel = mine(bench), mine(bench).panels[CommandPanel]
+        session.show_frame(1)
+        until(lambda: panel._hidden)
+        panel._text.value = "go to the couch"
+        panel._preview()
+        assert PAST in shown(bench) and not panel._previews
+        session.finish()
+        until(lambda: not panel._hidden)
+        panel._preview()
+        assert PAST not in shown(bench) and panel._previews
 
 
 def test_marks_of_an_answer_end_as_the_next_command_is_typed_and_as_another_thing_is_selected():

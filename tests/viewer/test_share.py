@@ -48,7 +48,7 @@ def test_a_map_of_that_time_is_shown_where_it_is_known():
     simap = toy_map()
     small = replace(simap, instances=simap.instances[:2])
     told = list(time_steps(simap, 5, lambda frame: small if frame == 1 else None))
-    assert [m.words for m in told][1] == "Frame 2 of 5 · 2 objects"
+    assert [m.words for m in told][1] == "Frame 1, the last is 4 · 2 objects"
     assert told[1].simap.instances == small.instances and not len(told[1].hidden)
     assert told[2].simap is simap
 

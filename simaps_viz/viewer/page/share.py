@@ -121,7 +121,7 @@ def time_steps(simap: SIMap, most: int, look: Look | None = None) -> Iterator[Ti
         then = simap if frame == frames - 1 else (look(frame) if look is not None else None)
         hidden = communities_unseen_until(simap, frame) if then is None else np.zeros(0, np.int32)
         count = _count_left(simap, hidden) if then is None else len(then.instances)
-        words = f"Frame {frame + 1} of {frames} · {plural(count, 'object')}"
+        words = f"Frame {frame}, the last is {frames - 1} · {plural(count, 'object')}"
         yield TimeStep(frame, simap if then is None else then, hidden, words)
 
 

@@ -123,7 +123,8 @@ class BuildPanel(Panel):
         if not self._names:
             return f'<div style="{BOX_STYLE}">No frame is on the map yet.</div>'
         name = escape(self._names[min(frame, len(self._names) - 1)])
-        return f'<div style="{BOX_STYLE}">Picture <b>{name}</b> <span style="{DIM_STYLE}">of the sequence</span></div>'
+        picture = f'<span style="{DIM_STYLE}">is picture {name} of the sequence</span>'
+        return f'<div style="{BOX_STYLE}">Frame <b>{frame}</b> {picture}</div>'
 
 
 class StepsPanel(Panel):

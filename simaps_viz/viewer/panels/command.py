@@ -479,7 +479,7 @@ GOAL_M = 0.25
 """Half the side of the square around the robot's final position that is kept free of labels."""
 STOPS = "stops here"
 WELCOME, TYPING = "Try an example, or type what the robot shall do.", "Go sends it."
-READING = "Reading it …"
+READING, PAST = "Reading it …", "The map is shown as it was: Go does this on the finished one."
 
 
 @dataclass(frozen=True, eq=False)
@@ -863,7 +863,11 @@ class CommandPanel(Panel):
     def _preview(self) -> None:
         """Outline and number what the typed command would mean, draw the path, and say what Go would do."""
         command = str(self._text.value)
-        if self._hidden or self.uses_model or not self._may_preview():  # a model is asked only what is sent to it
+        if self.uses_model or not self._may_preview():  # a model is asked only what is sent to it
+            return
+        if self._hidden:
+            self._show_typed("", PAST)
+            self._outcome = True  # gone with the next letter
             return
         meant, reason, then = None, "", None
         try:
@@ -921,7 +925,8 @@ class CommandPanel(Panel):
         """
         if answer.answer is not None:
             told, value = answer.answer["instances"], answer.answer["value"]
-            counted = self._of_them_doubtful(told) if type(value) is int and value == len(told) else ""
+            is_count = type(value) is int and value == len(told)  # which may have said it
+            counted = self._of_them_doubtful(told) if is_count and "doubtful" not in outcome_text(answer) else ""
             labels = goal_labels(simap, answer.goals) or answer_labels(simap, told)
             return labels, (counted, name_text(simap, answer), *self._cautions(simap, answer))
         labels = {goal.label for goal in answer.goals if goal.label}

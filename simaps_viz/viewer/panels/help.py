@@ -187,7 +187,7 @@ class HelpPanel(Panel):
             ("]", "]", "one frame on", lambda: page.show_frame(page.frame + 1)),
             ("T", "T", "view from the top", lambda: page.look(TOP)),
             ("3", "3", "3-D view", lambda: page.look(SLANT)),
-            ("escape", "Esc", "close the help; else select nothing", self._escape),
+            ("escape", "Esc", "close the help; else select nothing, and show all classes", self._escape),
             ("L", "L", "light or dark page", self.switch),
             ("H", "H or ?", "this help", self.show),
         )

@@ -362,12 +362,12 @@ def best_pictures(
 ) -> tuple[list[NDArray], str, dict[str, int]]:
     """Return an instance's best views (none when the sequence is not at hand), a note, and the frames."""
     views = best_views(simap, instance_id)
-    names = {simap.frame_names[one.frame]: one.frame for one in views}
+    names = {str(one.frame): one.frame for one in views}
     pictures = []
     for one in views:
         seen = view(one.frame)
         if seen is not None:
-            pictures.append(named(outlined(*seen, one.segments), simap.frame_names[one.frame]))
+            pictures.append(named(outlined(*seen, one.segments), f"frame {one.frame}"))
     if pictures:
         return pictures, "Its best views, the object's mask outlined.", names
     seen = simap.by_id(instance_id).frames

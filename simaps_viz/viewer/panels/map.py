@@ -19,7 +19,7 @@ from scipy.sparse.csgraph import connected_components
 
 from simaps_viz.colors.classes import CLUTTER, FLOOR, UNSEEN, WALL, ground_kinds, plural
 from simaps_viz.drawing.compare_picture import difference_text
-from simaps_viz.drawing.legend import counts_of, counts_text, legend_html, not_counted, title_of
+from simaps_viz.drawing.legend import counted, counts_of, counts_text, legend_html, not_counted, title_of
 from simaps_viz.drawing.texture import TINT, ColorMode, cell_colors, color_modes
 from simaps_viz.drawing.theme import BADGE_STYLE, short
 from simaps_viz.language.words import plain
@@ -129,10 +129,8 @@ class MapPanel(Panel):
         self._legend = gui.add_html("")
         self._was: tuple[SIMap, Cut] | None = None
         """The map as it came, before any slider was moved, and its cut; while that is looked at, the one after."""
-        self._peeking = False
-        """Whether the map before is looked at."""
-        self._from = simap, own
-        """What the next map that is shown is compared with."""
+        self._after: Cut | None = None
+        """How the map is to be cut after the map before was looked at; None = that is not looked at."""
         self._shown, self._shown_cut = simap, own
         self._clearing: threading.Timer | None = None
         # What is painted.
@@ -171,8 +169,8 @@ class MapPanel(Panel):
 
     def base_changed(self, base: SIMap) -> None:
         """Set the sliders to the cut of the page."""
-        self._was, self._from = None, (base, cut_of(base))
-        self._shown_cut, self._peeking = self._page.cut, False
+        self._was = self._after = None
+        self._shown_cut = self._page.cut
         joining = slider_of(base)
         self._origin.content = origin_html(base)
         self._k.label, self._k.hint = joining.title, joining.hint
@@ -202,8 +200,11 @@ class MapPanel(Panel):
         before, cut = (self._shown, self._shown_cut), self._page.cut
         self._shown, self._shown_cut = simap, cut
         if cut != before[1] and simap is not before[0]:
-            back = not self._page.cut_here and not self._peeking  # as the map came: nothing is moved
-            self._was = self._from if self._from[1] != cut and not back else None
+            base, own = self._page.base, cut_of(self._page.base)
+            if after := self._after:
+                self._was = self._page.shared.cut_map(base, after.percent, after.resolution), after
+            else:
+                self._was = (base, own) if cut != own else None  # as the map came: nothing is moved
         self._reset.visible = self._page.cut_here or self._was is not None  # also while the map before is looked at
         self._describe_change()
         if color_modes(simap) != tuple(self._mode.options):
@@ -212,24 +213,25 @@ class MapPanel(Panel):
     def peek(self) -> None:
         """Show the map as it came, before the sliders were moved; called again, as it is after."""
         if self._was is not None:
-            cut, after = self._was[1], (self._shown, self._shown_cut)
+            after, self._after = self._after, None if self._after else self._page.cut
+            cut = after or cut_of(self._page.base)
             self.set_sliders(cut.percent, cut.resolution)
-            self._cut(after=None if self._peeking else after)
+            self._cut_anew()
 
     def _describe_change(self) -> None:
-        was, now = self._was, self._shown
-        self._peek.label = PEEKING if self._peeking and was is not None else BEFORE
+        was, now, peeking = self._was, self._shown, self._after is not None
+        self._peek.label = PEEKING if peeking and was is not None else BEFORE
         self._change.visible = self._peek.visible = was is not None
         if was is None:
             self._step.visible, self._looked = False, 0
             self._outline(now, ())
             return
-        before, after = (now, was[0]) if self._peeking else (was[0], now)
+        before, after = (now, was[0]) if peeking else (was[0], now)
         changes, edges = changes_between(before, after)
-        at = f"{'Before' if self._peeking else 'Now'}: {cut_text(now, self._shown_cut, was[1])}"
+        at = f"{'Before' if peeking else 'Now'}: {cut_text(now, self._shown_cut, was[1])}"
         said = change_text(self._counted(before), self._counted(after), changes, len(edges))
         other = cut_text(now, was[1], self._shown_cut)
-        said = f"{at}. After, {other}: {said}" if self._peeking else f"{at}, instead of {other} as it came: {said}"
+        said = f"{at}. After, {other}: {said}" if peeking else f"{at}, instead of {other} as it came: {said}"
         self._change.content = f'<div class="simaps-change" data-shown="{escape(at)}">{_line(said)}</div>'
         found = changes or edges
         same = [one.text for one in found] == [one.text for one in self._changed]
@@ -246,7 +248,7 @@ class MapPanel(Panel):
 
     def _ids_now(self, change: Change) -> tuple[int, ...]:
         """Return the objects of a change that are on the map that is shown."""
-        return change.before if self._peeking else change.after
+        return change.after if self._after is None else change.before
 
     def change_of(self, ids: Collection[int]) -> tuple[str, str]:
         """Return how a moved slider cuts the map, and what it changed of objects, in words; both empty if nothing."""
@@ -334,7 +336,7 @@ class MapPanel(Panel):
 
     def _counted(self, simap: SIMap) -> dict[str, int]:
         """Return how many objects of each class count."""
-        return {label: n for label, (n, _) in counts_of(simap, self.doubtful(simap)).items() if n}
+        return counted(simap, self.doubtful(simap))
 
     def told(self, event: dict[str, Any]) -> None:
         """Show a class of the legend alone, or all again; or fade it, or show it again."""
@@ -349,9 +351,17 @@ class MapPanel(Panel):
             self._class.value = EVERY_CLASS if name == self._class.value else name
 
     def show_only(self, label: str | None) -> bool:
-        """Show a class alone, or all again; return whether one is."""
+        """Show a class alone, or all again, also those that are faded; return whether one is."""
         self._class.value = label if label in self._class.options else EVERY_CLASS
+        if label is None and self.faded:
+            self.faded = frozenset()
+            self._page.repaint()
         return self.shown_class is not None
+
+    def selection_changed(self, instance_id: int | None) -> None:
+        """Show all again, if an object of another class is selected than the one shown alone."""
+        if instance_id is not None and self.shown_class not in (None, self._page.simap.by_id(instance_id).label):
+            self._class.value = EVERY_CLASS
 
     def painted(self, simap: SIMap, snapshot: Snapshot) -> None:
         """Describe the painted map, with a badge unless it is the finished one."""
@@ -412,15 +422,16 @@ class MapPanel(Panel):
     def reset(self) -> None:
         """Go back to the K and resolution the map came with."""
         own = cut_of(self._page.base)
-        if self._peeking:  # the map is that already: what was after is let go
-            self._was = None
         self.set_sliders(own.percent, own.resolution)
         self._cut()
 
-    def _cut(self, after: tuple[SIMap, Cut] | None = None) -> None:
-        """Cut the map anew; ``after``: only to look at it as it came, instead of that."""
-        self._peeking = after is not None
-        self._from = after or (self._page.base, cut_of(self._page.base))
+    def _cut(self) -> None:
+        """Cut the map as the sliders are now; what was after, if the map before is looked at, is let go."""
+        if self._after is not None:
+            self._was = self._after = None
+        self._cut_anew()
+
+    def _cut_anew(self) -> None:
         if not self._busy:
             self._busy, self._counts_before = True, str(self._counts.content)
             self._counts.content = _line("Cutting the map anew; until then all shows the map before …", over=self._said)

@@ -325,7 +325,8 @@ class SegmentationPanel(Panel):
         self._picture.image = paint_masks(seen.rgb, seen.now, style)
         self._legend.content = masks_legend(seen.now, self._color_by.value, style.colors)
         self._segments.content = segments_html(seen.now, self.hidden)
-        name = f"Frame {self._services.frame_names[frame]}, {frame + 1} of {len(self._services.frame_names)}."
+        names = self._services.frame_names
+        name = f"Frame {frame}, the last is {len(names) - 1}: picture {names[frame]} of the sequence."
         self._status.content = remark_html(name) + remark_html("" if has_confidence(seen.now) else NO_SCORES)
         if self._effect is not None:
             self._effect.content = remark_html(effect_words(seen.before, seen.now)) + remark_html(self._command())
@@ -381,8 +382,7 @@ class SegmentationPanel(Panel):
         seen = self._seen
         if self._closed or seen is None:
             return
-        name = self._services.frame_names[seen.frame]
-        modal = self._page.gui.add_modal(f"Frame {name}: {plural(len(seen.now.segments), 'segment')}")
+        modal = self._page.gui.add_modal(f"Frame {seen.frame}: {plural(len(seen.now.segments), 'segment')}")
         with modal:
             large = replace(self._style(), width=LARGE_PX, font_px=18, most_names=None)
             self._page.gui.add_image(paint_masks(seen.rgb, seen.now, large), format="jpeg", jpeg_quality=85)

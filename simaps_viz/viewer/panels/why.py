@@ -376,9 +376,9 @@ class WhyPanel(Panel):
         chosen += [(frame, "one") for frame in found.together.as_one[: 3 - len(chosen)]]
         pictures, names = [], {}
         for frame, verdict in chosen:
-            name, seen = simap.frame_names[frame.frame], self._page.view(frame.frame)
+            name, seen = str(frame.frame), self._page.view(frame.frame)
             if seen is not None:
-                pictures.append(named(outlined(*seen, frame.first, frame.second), f"{name} as {verdict}"))
+                pictures.append(named(outlined(*seen, frame.first, frame.second), f"frame {name} as {verdict}"))
             names[name] = frame.frame
         if self._between is found:
             self._views.show(pictures, names)

@@ -228,13 +228,12 @@
       if (one.id === state.selected || !shows(one.label) || texted.has(one.id)) continue;
       const wide = (one.east - one.west) * px, high = (one.north - one.south) * px;
       if (high * dense < 13 || wide * dense < 13) continue;
-      const [text] = [[one.name, 2.2], [one.label, 1.6]].find(([words, most]) => widthOf(words) <= most * dense * wide) || [];
-      if (!text) continue;
-      const half = widthOf(text) / 2 + GAP, [x, y] = at(toScreen, ...cellToMap(one.x, one.y));
+      if (widthOf(one.name) > 2.2 * dense * wide) continue;
+      const half = widthOf(one.name) / 2 + GAP, [x, y] = at(toScreen, ...cellToMap(one.x, one.y));
       const box = [x - half, y - LINE / 2, x + half, y + LINE / 2];
       if (!isWhole(box) || !isFree(box, taken)) continue;
       taken.push(box);
-      place(text, box, one.id, look);
+      place(one.name, box, one.id, look);
     }
   };
 
