@@ -115,7 +115,7 @@ def test_a_reload_brings_back_what_was_done():
         cut(session, APART, 2.0)
         panels[MapPanel].set_look("class", "dining table")
         panels[MapPanel]._rooms.value = True
-        chosen = session.simap.instances[1].id
+        chosen = session.simap.of_class("dining table")[1].id
         session.select(chosen)
         session.panels[CommandPanel]._drive.speed = 8.0
         session.panels[CommandPanel].ask("turn left")
