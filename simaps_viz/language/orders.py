@@ -263,6 +263,20 @@ def _go_somewhere(place: Noun, post: Sequence[Parts] = ()) -> Steps:
     return _go_to((select(place, [part for parts in post for part in parts]),))
 
 
+@_rule(
+    "order",
+    "!(WHERE | WITH | THAT | TO | FROM | OF | AWAY | FRONT | BEHIND) relation COMMA (_go | APPROACH) "
+    "(_dets | every:EVERY (OF | DET)*) pre* noun post*",
+    cost=-0.3,
+)
+def _go_at(
+    relation: Parts, noun: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = (), every: str | None = None
+) -> Steps:
+    """Read "on the east side of the table, go to the second chair from the south": one that is there."""
+    parts = [*relation, *(part for parts in (*pre, *post) for part in parts)]
+    return _go_to((select(noun, parts, every=every is not None),))
+
+
 @_rule("order", "_goer VIA targets", cost=0.3)
 def _go_past(targets: tuple[Phrase, ...]) -> Steps:
     """Read "guide us past the sofas": by each of them."""
@@ -1207,7 +1221,7 @@ def _are_as_many(a: Phrase, b: Phrase | None = None, relation: Parts = ()) -> St
 @_rule("question", "EXIST? counted:COUNTED np IN? a:room OR IN? b:room", cost=-0.5)
 @_rule(
     "question",
-    "IN? WHICH (ROOM | ROOMS)? (IS | EXIST | HERE | WITH | DOES | APPROACH | SEE)* counted:COUNTED np "
+    "(IN? WHICH (ROOM | ROOMS)? | WHERE) (IS | EXIST | HERE | WITH | DOES | APPROACH | SEE | IT)* counted:COUNTED np "
     "(COMMA | STOP)+ IN? a:room OR IN? b:room",
     cost=-0.5,
 )
@@ -1350,7 +1364,7 @@ def _which_of_several(compared: str, np: Phrase) -> Steps:
 
 @_rule(
     "question",
-    "(WHICH | WHAT) (ROOM IS DET? compared | IS DET? compared ROOM) COMMA? a:room COMMA? OR b:room",
+    "(WHICH | WHAT) (ROOM IS DET? compared ONE? | IS DET? compared ROOM) COMMA? a:room COMMA? OR b:room",
     cost=-0.8,
 )
 @_rule(

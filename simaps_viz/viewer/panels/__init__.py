@@ -1,4 +1,4 @@
-"""The panels of a page, one file a tab. A new panel is one class, and one line in this registry."""
+"""The panels of a page: most are a tab, some share one. A new panel is one class, and one line in this registry."""
 
 import viser
 
