@@ -58,18 +58,18 @@ def instance_color(instance_id: int) -> Color:
     return (0, 0, 0) if instance_id <= 0 else color_of_number(instance_id)
 
 
+_PLURALS = {
+    "person": "people", "knife": "knives", "shelf": "shelves", "mouse": "mice", "scissors": "scissors", "skis": "skis",
+}  # fmt: skip
+
+
 def plural(count: int, noun: str) -> str:
-    """Return a number with its noun in English: "1 chair", "4 benches"."""
+    """Return a number with its noun in English: "1 chair", "4 benches", "2 mice"."""
     if count == 1:
         return f"1 {noun}"
-    if noun.endswith("person"):
-        return f"{count} {noun[:-6]}people"
-    if noun.endswith("knife"):
-        return f"{count} {noun[:-2]}ves"
-    if noun.endswith("shelf"):
-        return f"{count} {noun[:-1]}ves"
-    if noun.endswith(("scissors", "skis")):
-        return f"{count} {noun}"
+    for one, several in _PLURALS.items():
+        if noun.endswith(one):
+            return f"{count} {noun.removesuffix(one)}{several}"
     ending = "es" if noun.endswith(("s", "x", "ch", "sh")) else "s"
     return f"{count} {noun}{ending}"
 

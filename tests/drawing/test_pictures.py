@@ -155,7 +155,13 @@ def test_texts_say_what_is_on_the_map(simap):
 
 @pytest.mark.parametrize(
     ("count", "noun", "text"),
-    [(1, "chair", "1 chair"), (4, "bench", "4 benches"), (2, "person", "2 people"), (3, "knife", "3 knives")],
+    [
+        (1, "chair", "1 chair"),
+        (4, "bench", "4 benches"),
+        (2, "person", "2 people"),
+        (3, "knife", "3 knives"),
+        (2, "mouse", "2 mice"),
+    ],
 )
 def test_plurals(count, noun, text):
     assert legend.plural(count, noun) == text
