@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from simaps_viz.datasets.source import FrameSource, read_ahead
 from simaps_viz.geometry import back_project, transform_points
 from simaps_viz.mapping.accumulator import ProjectionSettings
-from simaps_viz.mapping.in_space import among, majority, voxel_centres, voxel_keys, without_strays
+from simaps_viz.mapping.in_space import among, majority, patches, voxel_centres, voxel_keys
 from simaps_viz.structures import Points
 
 NAME: Final = "ConceptGraphs' association (re-implemented)"
@@ -71,7 +71,7 @@ def associated_points(
         for segment in segmentation.segments:
             if segment.label not in things:
                 continue
-            mine = without_strays(np.unique(keys[ids == segment.id]), 1.0)
+            mine = _largest(np.unique(keys[ids == segment.id]))
             if len(mine) < MIN_VOXELS:
                 continue
             found = _Object(segment.label, mine, np.ones(len(mine), np.int64))
@@ -81,6 +81,14 @@ def associated_points(
             else:
                 objects.append(found)
     return _points([one for one in _merged(objects) if one.detections >= MIN_DETECTIONS], masks, origin_m)
+
+
+def _largest(keys: NDArray) -> NDArray:
+    """Return the largest patch of voxels that touch; of equals, all."""
+    if len(keys) == 0:
+        return keys
+    patch, sizes = patches(keys)
+    return keys[sizes[patch] == sizes.max()]
 
 
 def _similarity(found: _Object, one: _Object) -> float:

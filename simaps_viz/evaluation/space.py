@@ -45,7 +45,7 @@ from simaps_viz.mapping.in_space import (
     voxel_indices,
     voxel_keys,
     voxels_by_instance,
-    without_slivers,
+    whole_objects,
     without_strays,
 )
 from simaps_viz.structures import Box, Points, Segment, SIMap
@@ -342,8 +342,6 @@ def score_space(points: Points, names: Sequence[str], truth: SpaceTruth) -> Spac
     held = sum(int(among(truth.below[number], near_found[other]).sum()) for number, other in partner.items())
     below = sum(len(truth.below[number]) for number in counted)
     everything = _joined(counted.values())
-    objects = {number: without_strays(keys) for number, keys in found.objects.items()}
-    objects = without_slivers(objects, found.labels)
     return SpaceScores(
         overall=_Tally.sum([one.tally(one.loose) for one in classes]).score(),
         strict=_Tally.sum([one.tally(one.strict) for one in classes]).score(),
@@ -352,7 +350,7 @@ def score_space(points: Points, names: Sequence[str], truth: SpaceTruth) -> Spac
         below_recall=held / max(below, 1),
         volume_ratio=sum(len(found.voxels[b]) for _, b in matches) / max(sum(len(counted[a]) for a, _ in matches), 1),
         covered=float(among(everything, _grown(found.everything)).mean()) if len(everything) else 0.0,
-        boxes=_score_boxes(objects, found.labels, truth),
+        boxes=_score_boxes(whole_objects(found.objects, found.labels), found.labels, truth),
     )
 
 

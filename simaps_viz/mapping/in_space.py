@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
 
 from simaps_viz.structures import Box, InSpace, Instance, Points, SIMap
 
@@ -27,9 +28,11 @@ _REACH: Final = 2
 _MIN_SURFACE: Final = 3
 """Voxels."""
 FRINGE_PERCENT: Final = 1.0
-MIN_PATCH: Final = 0.1
+_LOOSE, MIN_PATCH, _SURE_PATCH = 0.25, 0.1, 0.5
+_FEW, _NEAR = 6, 4
+"""Voxels of a patch from which it can be part of an object without being nearly as large, and cells to it."""
 SLIVER: Final = 0.03
-"""Objects with a smaller share of the voxels usual in their class are slivers."""
+"""Objects whose largest patch has a smaller share of the voxels usual in their class are slivers."""
 _AROUND: Final = [(x << X_BITS) + (y << Z_BITS) + z for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)]
 _AHEAD: Final = [step for step in _AROUND if step > 0]
 """From a voxel to half of those that touch it."""
@@ -104,26 +107,55 @@ def voxels_by_instance(points: Points, origin_m: tuple[float, float]) -> dict[in
     return dict(zip(ids.tolist(), parts, strict=True)) if len(ids) else {}
 
 
-def without_strays(keys: NDArray, least: float = MIN_PATCH) -> NDArray:
-    """Return an object's voxels without small patches apart from the largest: masks err at the rims of objects.
+def without_strays(keys: NDArray) -> NDArray:
+    """Return an object's voxels without what errors of masks leave at its rim and apart from it.
+
+    Columns go first in which no voxel touches a quarter as many others as is usual on the object's faces (the upper
+    quartile): a leg stands below what it carries. Of the patches that are left, voxels that touch, one with half the
+    voxels of the largest is kept. A smaller one is if it has a tenth of them, is more than a few voxels, and stands
+    near the largest, over it or under it.
 
     Args:
         keys: sorted.
-        least: a patch of voxels that touch is kept if it has at least this share of the largest one's.
     """
+    return _body(keys)[0]
+
+
+def _body(keys: NDArray) -> tuple[NDArray, int]:
+    """Return an object's voxels without strays, and how many the largest patch has."""
     if len(keys) == 0:
-        return keys
+        return keys, 0
+    touched = np.bincount(np.concatenate(_touching(keys)), minlength=len(keys))
+    columns = keys >> Z_BITS
+    keys = keys[among(columns, np.unique(columns[touched >= _LOOSE * np.percentile(touched, 75)]))]
+    patch, sizes = patches(keys)
+    largest = int(sizes.argmax())
+    kept = sizes >= _SURE_PATCH * sizes[largest]
+    doubtful = np.flatnonzero(~kept & (sizes >= MIN_PATCH * sizes[largest]) & (sizes >= _FEW))
+    if len(doubtful):
+        cells = voxel_indices(keys)[:, :2]
+        body = KDTree(cells[patch == largest])
+        kept[doubtful] = [body.query(cells[patch == one], p=np.inf)[0].min() <= _NEAR for one in doubtful]
+    return keys[kept[patch]], int(sizes[largest])
+
+
+def patches(keys: NDArray) -> tuple[NDArray, NDArray]:
+    """Return the patch of voxels that touch which each voxel is of, int [n], and how many voxels each patch has."""
+    ends = _touching(keys)
+    graph = coo_matrix((np.ones(len(ends[0]), bool), ends), (len(keys), len(keys)))
+    _, patch = connected_components(graph, directed=False)
+    return patch, np.bincount(patch)
+
+
+def _touching(keys: NDArray) -> tuple[NDArray, NDArray]:
+    """Return every two voxels that touch, by their places, int [pairs] each; keys ascend."""
     first, second = [], []
     for step in _AHEAD:
         at = np.minimum(np.searchsorted(keys, keys + step), len(keys) - 1)
         touching = np.flatnonzero(keys[at] == keys + step)
         first.append(touching)
         second.append(at[touching])
-    ends = np.concatenate(first), np.concatenate(second)
-    graph = coo_matrix((np.ones(len(ends[0]), bool), ends), (len(keys), len(keys)))
-    _, patch = connected_components(graph, directed=False)
-    sizes = np.bincount(patch)
-    return keys[sizes[patch] >= least * sizes.max()]
+    return np.concatenate(first), np.concatenate(second)
 
 
 def least_sizes(sizes: NDArray, classes: NDArray) -> NDArray:
@@ -149,16 +181,19 @@ def least_sizes(sizes: NDArray, classes: NDArray) -> NDArray:
     return least
 
 
-def without_slivers(voxels: Mapping[int, NDArray], class_of: Mapping[int, int | str]) -> dict[int, NDArray]:
-    """Return the objects that are large enough for their class, see `least_sizes`.
+def whole_objects(voxels: Mapping[int, NDArray], class_of: Mapping[int, int | str]) -> dict[int, NDArray]:
+    """Return objects without strays, and without those that are slivers: all scattered, too, if no patch is larger.
 
     Args:
-        voxels: {object: its voxels}.
+        voxels: {object: its voxels, sorted keys}.
         class_of: {object: its class}.
     """
-    sizes = np.array([len(keys) for keys in voxels.values()], np.int64)
-    least = least_sizes(sizes, np.array([class_of[number] for number in voxels]))
-    return {number: keys for (number, keys), enough in zip(voxels.items(), sizes >= least, strict=True) if enough}
+    kept = {number: _body(keys) for number, keys in voxels.items()}
+    sizes = np.array([len(keys) for keys, _ in kept.values()], np.int64)
+    least = least_sizes(sizes, np.array([class_of[number] for number in kept]))
+    return {
+        number: keys for (number, (keys, largest)), enough in zip(kept.items(), least, strict=True) if largest >= enough
+    }
 
 
 def box_of(keys: NDArray, origin_m: tuple[float, float], *, trim_percent: float = FRINGE_PERCENT) -> Box:
@@ -382,10 +417,10 @@ def in_space(points: Points, origin_m: tuple[float, float]) -> dict[int, InSpace
 
     Slivers (`least_sizes`) are left out.
     """
-    voxels = {number: without_strays(keys) for number, keys in voxels_by_instance(points, origin_m).items()}
     order = np.argsort(points.instances, kind="stable")
     ids, starts = np.unique(points.instances[order], return_index=True)
-    voxels = without_slivers(voxels, dict(zip(ids.tolist(), points.classes[order[starts]].tolist(), strict=True)))
+    class_of = dict(zip(ids.tolist(), points.classes[order[starts]].tolist(), strict=True))
+    voxels = whole_objects(voxels_by_instance(points, origin_m), class_of)
     related = relations(voxels)
     colors = dict(zip(ids.tolist(), np.split(points.colors[order], starts[1:]), strict=True)) if len(order) else {}
     made = {}

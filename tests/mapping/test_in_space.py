@@ -21,7 +21,7 @@ from simaps_viz.mapping.in_space import (
     voxel_centres,
     voxel_indices,
     voxel_keys,
-    without_slivers,
+    whole_objects,
     without_strays,
 )
 
@@ -107,16 +107,27 @@ def test_the_heaviest_value_wins_and_of_equals_the_lower(rows):
 
 
 def test_strays_are_the_small_patches_apart():
-    patch, part, stray = (
-        block((0, 10), (0, 10), (3, 4)),
-        block((20, 25), (0, 2), (3, 4)),
-        block((40, 43), (0, 3), (0, 1)),
-    )
-    corner = block((10, 11), (10, 11), (4, 5))  # touches the patch's corner
-    keys = joined(patch, part, stray, corner)
-    assert (without_strays(keys) == joined(patch, corner)).all()  # 10 of 101 voxels are less than a tenth
-    assert (without_strays(keys, 0.095) == joined(patch, part, corner)).all()
-    assert (without_strays(keys, 0.0) == keys).all() and len(without_strays(keys[:0])) == 0
+    body = block((0, 10), (0, 10), (3, 4))
+    corner = block((9, 10), (9, 11), (4, 5))  # touches the body's corner
+    beside, far = block((13, 17), (0, 3), (3, 4)), block((20, 24), (0, 3), (3, 4))  # 12 voxels, 4 and 11 cells away
+    over, tenth = block((2, 6), (2, 5), (20, 21)), block((0, 9), (14, 15), (3, 4))  # 9 of 102 are less than a tenth
+    half = block((40, 50), (0, 6), (0, 1))
+    keys = joined(body, corner, beside, far, over, tenth, half)
+    assert (without_strays(keys) == joined(body, corner, beside, over, half)).all()
+    assert len(without_strays(keys[:0])) == 0 and (without_strays(keys[:1]) == keys[:1]).all()
+
+
+def test_few_voxels_beside_a_small_thing_are_strays():
+    thing = block((0, 2), (0, 2), (0, 2))
+    assert (without_strays(joined(thing, block((3, 4), (0, 1), (0, 1)))) == thing).all()
+    half = block((3, 4), (0, 2), (0, 2))
+    assert (without_strays(joined(thing, half)) == joined(thing, half)).all()
+
+
+def test_what_hangs_on_by_a_corner_is_a_stray_and_a_leg_is_none():
+    top, leg = block((0, 12), (0, 12), (10, 11)), block((6, 7), (6, 7), (0, 10))
+    hanging = [block((x, x + 1), (y, y + 1), (11, 12)) for x, y in ((12, 12), (-1, -1), (12, -1), (-1, 12))]
+    assert (without_strays(joined(top, leg, *hanging)) == joined(top, leg)).all()
 
 
 def test_slivers_are_small_for_their_class():
@@ -127,8 +138,14 @@ def test_slivers_are_small_for_their_class():
     table, chair = block((0, 40), (0, 30), (14, 15)), block((10, 20), (10, 20), (9, 10))
     speck, sliver = block((60, 65), (0, 2), (3, 4)), block((60, 65), (0, 7), (3, 4))
     voxels = {1: table, 2: chair, 3: speck, 4: sliver}
-    assert list(without_slivers(voxels, {1: "table", 2: "chair", 3: "chair", 4: "table"})) == [1, 2, 3]
-    assert without_slivers({}, {}) == {}
+    assert list(whole_objects(voxels, {1: "table", 2: "chair", 3: "chair", 4: "table"})) == [1, 2, 3]
+    assert whole_objects({}, {}) == {}
+
+
+def test_what_lies_scattered_is_a_sliver_however_much_there_is():
+    table = block((0, 40), (0, 30), (14, 15))
+    scattered = joined(*(block((60, 65), (y, y + 1), (3, 4)) for y in range(0, 40, 4)))  # 50 voxels in ten rows
+    assert list(whole_objects({1: table, 2: scattered}, {1: "table", 2: "table"})) == [1]
 
 
 def test_instances_know_their_map():
