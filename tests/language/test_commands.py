@@ -741,7 +741,10 @@ def test_what_opens_a_sentence_and_says_more_is_not_left_out(said: str) -> None:
         ("Find me a bike. No bike? Then the couch.", "go to the bike, otherwise to the couch"),
         ("If in kitchen is no chair then go to the couch.", "if there is no chair in the kitchen, go to the couch"),
         ("In which room is most of chairs?", "in which room are the most chairs"),
-        ("Where are more chairs, in the kitchen or the office?", "are there more chairs in the kitchen or in the office"),
+        (
+            "Where are more chairs, in the kitchen or the office?",
+            "are there more chairs in the kitchen or in the office",
+        ),
         ("Which room is the larger one, kitchen or office?", "which room is larger, the kitchen or the office"),
         ("On the left of the couch, go to the second chair.", "go to the second chair on the left of the couch"),
         ("In the kitchen, visit every chair.", "visit every chair in the kitchen"),
