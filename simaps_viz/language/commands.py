@@ -697,6 +697,8 @@ def _first_named(sentence: Sentence) -> Phrase | None:
     lost = not _LOST.isdisjoint(sentence.words) and _FOUND.isdisjoint(sentence.words)
     for at in range(len(sentence.words)):
         found = [one.value for name in ("thing", "room") for one in chart.parse(name, at)]
+        if sentence.words[at : at + 3] == ("the", "thing", "that"):
+            return None  # "the thing that tells the time in the office" is not the office
         found = [
             one
             for one in found
@@ -851,6 +853,7 @@ def _in_brief(said: str) -> str:
 # ---- steps to program text
 
 _INDENT: Final = "    "
+_AT_LEAST: Final = re.compile(r"count\(\{0\.text\}\) >= (\d+)")
 _ROOM_OF: Final = re.compile(r'inside\(.*, (room\("[^"]+"\))\)')
 _IT: Final = Phrase(IT, ONE, "thing")
 
@@ -931,7 +934,8 @@ class Writer:
         return "\n".join(_text(self._lines, ""))
 
     def _add(self, steps: Steps, lines: list[_Line]) -> None:
-        for step in steps:
+        tested: _Mention | None = None
+        for step, after in zip(steps, (*steps[1:], None), strict=True):
             match step:
                 case Do():
                     self._do(step, lines)
@@ -943,6 +947,16 @@ class Writer:
                 case Choose(test=test, phrases=phrases, then=then, otherwise=otherwise):
                     first: tuple[_Mention, ...] = ()
                     head = then[0]
+                    more = _AT_LEAST.fullmatch(test)
+                    if (
+                        more
+                        and isinstance(after, Choose)
+                        and after.phrases[0].base == SAME
+                        and int(after.test.split()[-1]) > int(more[1])
+                    ):  # "if there are two, ...; if there are three, ..."
+                        test = test.replace(">=", "==")
+                    if tested and phrases[0].base == SAME:  # "if there are two beds, ...; if there is only one, ..."
+                        self._last = tested
                     if (
                         step.after
                         and isinstance(head, Do)
@@ -954,6 +968,7 @@ class Writer:
                         first = (self._named("it"),)
                         then = (replace(head, phrases=(_IT, *head.phrases[1:])), *then[1:])
                     mentions = tuple(self._mention(phrase) for phrase in phrases)
+                    tested = mentions[0]
                     for line, inner in ((f"if {test}:", then), ("else:", otherwise)):
                         if inner:
                             lines.append(_Line(line, mentions, before=first))

@@ -311,6 +311,8 @@ def _of_one_thing(parts: Parts, noun: Noun | None) -> Parts:
         if part.kind == "alias" and (noun is None or noun.label != part.of or noun.spoken == part.text):
             raise CommandError("")
     parts = tuple(_freed(part, noun.spoken if noun else "") for part in parts)
+    if _number(parts, "count") and any(part.kind == "order" and part.number == 2 for part in parts):
+        parts = tuple(part for part in parts if part.text != 'at({}, "wall")')  # so many along a wall: the outermost
     paired = _number(parts, "count") == 2  # "the two chairs that stand side by side"
     parts = tuple(replace(one, kind="order") if one.kind == "abreast" and paired else one for one in parts)
     return tuple(part for part in parts if part.kind != "alias")
@@ -505,6 +507,14 @@ def united(phrases: Sequence[Phrase]) -> Phrase:
         text = f"union({text}, {other.argument})"
     pairs = tuple(pair for p in phrases for pair in p.others)
     return Phrase(text, text, first.word, first.many, tuple(n for p in phrases for n in p.notes), pairs)
+
+
+def sharing(phrases: Sequence[Phrase]) -> Sequence[Phrase]:
+    """Return things of which what is said of the last is true: of "stools or chairs at the bar" the stools, too."""
+    *others, last = phrases
+    if last.text.count(last.base) != 1 or not all(one.many and ALL.fullmatch(one.text) for one in others):
+        return phrases
+    return [*(replace(one, text=last.text.replace(last.base, one.text), whole="") for one in others), last]
 
 
 def _filter(text: str, *phrases: Phrase, outer: bool = False, of: str = "", definite: str = "") -> Parts:
@@ -721,9 +731,9 @@ def _sorted_from(key: str, np: Phrase | None = None, last: str = "") -> Parts:
 
 
 @_rule(
-    "post",
+    "sorted",
     "(COMMA | BUT | AND)* STARTWITH DET? (key:key | FROM? DET? side) SIDE? (ONE | ONES)?",
-    "COMMA? WITH? DET? (key:key | side) (ONE | ONES | OF IT | OF ONES)? n:ORD",
+    "COMMA? WITH? FROM? DET? (key:key | side) (ONE | ONES | OF IT | OF ONES | SIDE | END)? n:ORD",
     cost=-0.2,
 )
 def _sorted(key: str = "", side: str = "", n: int = 1) -> Parts:
@@ -732,6 +742,8 @@ def _sorted(key: str = "", side: str = "", n: int = 1) -> Parts:
         raise CommandError("")
     return (Part("then", key or side),)
 
+
+_rule("post", "sorted")(lambda sorted: sorted)
 
 for _token, _key in (("NEAREST", "near"), ("FARTHEST", "far")):
     _rule("key", _token)(lambda name=_key: name)
@@ -1348,6 +1360,18 @@ def _except(targets: tuple[Phrase, ...], said: str = "", relation: Sequence[Part
     return (part,)
 
 
+@_rule("post", "(COMMA | AND | BUT | STOP)+ targets NOTCOUNTED")
+def _not_counted(targets: tuple[Phrase, ...]) -> Parts:
+    """Read "the closest chair, and grey ones don't count"."""
+    return _except(targets, "except")
+
+
+@_rule("post", "COMMA ONLY room", cost=-0.3)
+def _only_in(room: Phrase) -> Parts:
+    """Read "how many cups are there, only the kitchen?"."""
+    return _inside(room)
+
+
 _NEGATIONS: Final = ("not", "but not", "and not", "only not")
 
 
@@ -1458,6 +1482,14 @@ def _same_name(pre: Sequence[Parts] = (), post: Sequence[Parts] = (), ones: str 
     return replace(select(None, (*_flat(pre), *_flat(post)), every=bool(ones)), among=True)
 
 
+@_rule("thing", "_dets outer:pre+ ONE? OF (IT | DET _number | DET+ pre+ ONES) !(NOUN | NOUNS | COLOR | SIZE)", cost=0.1)
+def _chosen_of_them(outer: Sequence[Parts], pre: Sequence[Parts] = ()) -> Phrase:
+    """Read "the larger of the two", "the nearest of the red ones"."""
+    if not any(part.kind == "order" for part in _flat(outer)):
+        raise CommandError("")
+    return _same_name((*outer, *pre))
+
+
 @_rule("np", "ONE &(ON | IN | AT | BY | NEAR | UNDER | WITH) post+", cost=0.2)
 def _one_such(post: Sequence[Parts]) -> Phrase:
     """Read "a chair, not one at the counter"."""
@@ -1477,7 +1509,7 @@ def _of_them_on(side: str = "middle") -> Phrase:
     return replace(found, text=found.text.replace(ONE, SAME), base=SAME, whole="")
 
 
-@_rule("thing", "(DET+ | &ORD | &_room_too) pre+ post*", cost=0.9)
+@_rule("thing", "(DET+ | &ORD | &_room_too) pre+ !OF post*", cost=0.9)
 def _elided(pre: Sequence[Parts], post: Sequence[Parts] = ()) -> Phrase:
     if any(part.kind == "vague" for part in _flat(pre)):
         raise CommandError("")
@@ -1486,7 +1518,7 @@ def _elided(pre: Sequence[Parts], post: Sequence[Parts] = ()) -> Phrase:
     return select(None, (*_flat(pre), *_flat(post)))
 
 
-@_rule("thing", "DET+ side:MOST", cost=0.9)
+@_rule("thing", "DET+ side:MOST !OF", cost=0.9)
 def _outermost_one(side: str) -> Phrase:
     """Read "the westernmost, then the easternmost"."""
     return select(None, [Part("order", side)])
@@ -1545,7 +1577,9 @@ def _of_room(noun: Noun, room: Phrase, pre: Sequence[Parts] = ()) -> Phrase:
     return select(noun, (*_flat(pre), *_inside(room)))
 
 
-@_rule("thing", "(EVERY | BOTH OF?)? it:IT", "BOTH", "(EVERY | BOTH) OF? DET* whole", cost=0.02)
+@_rule(
+    "thing", "(EVERY | BOTH OF?)? it:IT !WHERE", "BOTH | EVERY !(IN | OF)", "(EVERY | BOTH) OF? DET* whole", cost=0.02
+)
 def _it(it: str = "", whole: int = 0) -> Phrase:
     """Read "it", "all of them", "stop at both"."""
     return Phrase(IT, ONE, "it" if it in ("it", "there") else "thing")
@@ -1597,10 +1631,7 @@ def _any(thing: Phrase) -> Phrase:
 
 @_rule("np", "EITHER? thing (COMMA more:thing)* COMMA? OR TO? AT? last:thing", cost=0.1)
 def _either(thing: Phrase, last: Phrase, more: Sequence[Phrase] = ()) -> Phrase:
-    if all(one.many and ALL.fullmatch(one.text) for one in (thing, *more)) and last.text.count(last.base) == 1:
-        # "stools or chairs at the bar": the stools there, too
-        thing, *more = (replace(one, text=last.text.replace(last.base, one.text)) for one in (thing, *more))
-    found = united((thing, *more, last))
+    found = united(sharing((thing, *more, last)))
     # "not at any table or desk"; "the bag, the one on the floor, not the one on the bench or the desk"
     unlike = 0.3 * any(one.base == ONE for one in more)
     return replace(found, penalty=0.15 if "minus(" in thing.text else unlike)
@@ -1753,6 +1784,12 @@ def _some_such_room(name: str) -> Phrase:
     return Phrase(f"rooms({quoted(name)})", f"rooms({quoted(name)})", name)
 
 
+@_rule("room", "_dets FULL name:ROOMKIND", cost=-0.2)
+def _whole_room(name: str) -> Phrase:
+    """Read "the whole office": each room of that name."""
+    return Phrase(f"rooms({quoted(name)})", f"rooms({quoted(name)})", name)
+
+
 @_rule("room", "_dets OTHER whole ROOMS", cost=-0.3)
 def _other_rooms(whole: int) -> Phrase:
     """Read "in the other two rooms": that many others are there."""
@@ -1764,9 +1801,11 @@ def _every_such_room(name: str) -> Phrase:
     return Phrase(f"rooms({quoted(name)})", f"rooms({quoted(name)})", name, True)
 
 
-@_rule("room", "(EVERY (OF | DET)* OTHER? (ROOMS? | ROOM) | DET? ROOMS) ((IN | OF) DET* MAP)?")
 @_rule(
-    "room", "(EVERY (OF | DET)* (ROOMS? | ROOM) | DET? ROOMS) COMMA? EXCEPT room (COMMA? (AND | OR) room)*", cost=-0.2
+    "room", "(EVERY (OF | DET)* OTHER? (ROOMS | ROOM) | DET? ROOMS) ((IN | OF) DET* MAP)? | EVERY (IN | OF) DET* MAP"
+)
+@_rule(
+    "room", "(EVERY (OF | DET)* (ROOMS | ROOM) | DET? ROOMS) COMMA? EXCEPT room (COMMA? (AND | OR) room)*", cost=-0.2
 )
 def _all_rooms(room: Sequence[Phrase] | Phrase = ()) -> Phrase:
     text = "rooms()"

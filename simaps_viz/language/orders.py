@@ -26,6 +26,7 @@ from simaps_viz.language.nouns import (
     quoted,
     refine,
     select,
+    sharing,
     united,
 )
 from simaps_viz.language.primitives import SAID
@@ -120,8 +121,8 @@ for _name, _size in _METRES.items():
 
 @_rule(
     "distance",
-    "n:amount? SIZE? unit | n:NUM | "
-    "DET? half:HALF OF? DET? unit | (INDEF | OTHER) SIZE? (half:HALF (OF? DET)?)? unit | "
+    "n:amount? SIZE? unit FURTHER? | n:NUM | "
+    "DET? half:HALF OF? DET? unit FURTHER? | (INDEF | OTHER) SIZE? (half:HALF (OF? DET)?)? unit | "
     "(n:amount | DET)? quarter:QUARTER (OF DET)? "
     "unit | few:SLIGHTLY | n:amount unit AND DET? half:HALF",
 )
@@ -181,13 +182,22 @@ _words("_aim", "(WHERE | DET? ONE THAT?) HERE? (GO | NEED)+ (_prep | GO)* THEN? 
 @_rule(
     "order",
     "_goer EITHER? _prep+ (_place _prep*)? WHERE? targets IS? | BACK _prep+ targets | APPROACH (_prep | STOP)* targets "
-    "| (_goer | APPROACH) WHERE targets IS+ | targets (COMMA | STOP)+ GO | NEED TO? targets | _prep+ targets HERE? "
-    "(GO | STAND) | !(ON | IN | AT) _prep+ targets | (GO | TAKE) _prep* targets:there | (targets "
+    "| (_goer | APPROACH) WHERE targets IS+ | targets (COMMA | STOP)+ GO | NEED TO? targets VISITED? | _prep+ "
+    "targets HERE? (GO | STAND) | !(ON | IN | AT) _prep+ targets | (GO STAND? | TAKE) _prep* targets:there | (targets "
     "| targets:there) COMMA? IS _aim | "
     "DET* GOAL (IS | COMMA | STOP)* targets",
 )
 def _go_to(targets: tuple[Phrase, ...]) -> Steps:
     return _each("robot.move_to_{0.goal}", targets)
+
+
+@_rule("order", "(NEED targets VISITED | NEED? targets:there VISITED) sorted", cost=-0.3)
+def _go_sorted(targets: tuple[Phrase, ...], sorted: Parts) -> Steps:
+    """Read "I'd like the three shelves inspected, west end first", "... I want them checked, the largest first"."""
+    phrase, part = targets[0], sorted[0]
+    if len(targets) > 1 or not (phrase.many or phrase.text == IT):
+        raise CommandError("")
+    return _go_to((replace(phrase, text=f'order({phrase.text}, "{part.text}")', whole="", many=True, base=ONE),))
 
 
 @_rule("order", "targets IS THEN", cost=0.1)
@@ -213,6 +223,7 @@ def _go_tersely(verb: str, noun: Noun) -> Steps:
     return _go_to((select(noun, ()),))
 
 
+@_rule("order", "WANTED", cost=-0.05)
 @_rule("order", "_goer (BY | NEAR | AT)+ IT", cost=-0.05)
 def _go_by() -> Steps:
     """Read "there are boxes under the bench. Stand by them": one place will do."""
@@ -422,15 +433,19 @@ def _go_behind(targets: tuple[Phrase, ...]) -> Steps:
 
 @_rule(
     "order",
-    "_go? _place? IN? distance (TO | ON)* (beside | FRONT | BEFORE | back:BEHIND | back:PASS | off:away | "
-    "off:SHORT OF) np (COMMA NOCLOSER)? | _go? np COMMA distance off:SHORT | "
+    "_go? _place? (IN | few:LESSTHAN)? distance (TO | ON)* (beside | FRONT | BEFORE | back:BEHIND | back:PASS | "
+    "off:away | off:SHORT OF) np (COMMA NOCLOSER)? | _go? np COMMA distance off:SHORT | "
     "_go (FORWARD | compass)* UNTIL np IS (_prep | SHORT | DET)* distance off:SHORT | _go (FORWARD | compass)* "
     "UNTIL (EXIST (_prep | SHORT)* distance BETWEEN (np AND HERE | HERE AND np) | HERE IS? distance off:away np)",
     cost=-0.3,
 )
-def _go_off(distance: Measure, np: Phrase, beside: str = "front", back: str = "", off: str = "", **_: Any) -> Steps:
+def _go_off(
+    distance: Measure, np: Phrase, beside: str = "front", back: str = "", off: str = "", few: str = "", **_: Any
+) -> Steps:
     if not distance.has_unit:  # "visit two of the chairs"
         raise CommandError("")
+    if few and off:
+        return _go_to((np,))
     side = "behind" if back else "beside" if off else beside
     note = (*distance.note, f"{distance.text} m is measured from the edge of the {np.word}")
     return (Do((f'robot.move_to(spot({{0.argument}}, "{side}", {distance.text}))',), (np,), note),)
@@ -945,7 +960,15 @@ _NUMBERED: Final = (
 @_rule("question", "HOWMANY a:np AND b:np (IS | EXIST)* (HERE | _in_map)?", cost=-0.1)
 def _how_many_together(a: Phrase, b: Phrase) -> Steps:
     """Read "how many cups and bottles are there?"."""
-    return _told(replace(united((a, b)), many=False), "count")
+    return _told(replace(united(sharing((a, b))), many=False), "count")
+
+
+@_rule("question", "(LIST | WHICH (OF DET*)? | WHAT IS?) a:np AND b:np IS?", cost=-0.3)
+def _list_together(a: Phrase, b: Phrase) -> Steps:
+    """Read "which cups and bottles are on the table?"."""
+    if not (a.many and b.many):
+        raise CommandError("")
+    return _told(replace(united(sharing((a, b))), many=False), "list")
 
 
 @_rule(
@@ -1061,7 +1084,7 @@ def _is_there(np: Phrase, exist: str = "is") -> Steps:
 @_rule("question", "(DOES | WITH) room WITH n:whole np", cost=-0.5)
 def _does_room_have(room: Phrase, n: int, np: Phrase) -> Steps:
     """Read "has the kitchen got four chairs?"."""
-    test, phrases = _at_least(n, _changed(np, f"inside({np.whole or np.text}, {room.text})"))
+    test, phrases = _room_has_so_many(room, n, np)
     return (Do((f'tell({test}, "whether")',), phrases),)
 
 
@@ -1662,6 +1685,18 @@ def _of_its_name(phrase: Phrase, parts: Parts) -> Phrase:
     return refine(Phrase(phrase.base, phrase.base, phrase.word, True), parts)
 
 
+@_rule("condition", "(EXIST | IT WITH) EXACTLY? n:whole HERE? &(COMMA | THEN)", cost=-0.3)
+def _so_many_of_it(n: int) -> Condition:
+    """Read "if there are three, ...", "if it has two, ..." after "if the office has four desks, ..."."""
+    return _at_least(n, only="exactly")
+
+
+@_rule("condition", "room WITH (ATLEAST | only:EXACTLY)? n:whole np", cost=-0.5)
+def _room_has_so_many(room: Phrase, n: int, np: Phrase, only: str = "") -> Condition:
+    """Read "if the office has two desks, ..."."""
+    return _at_least(n, _changed(np, f"inside({np.whole or np.text}, {room.text})"), only=only)
+
+
 @_rule("condition", "EXIST counted:COUNTED a:np THAN (b:np | relation)", cost=-0.3)
 def _counts(counted: str, a: Phrase, b: Phrase | None = None, relation: Parts = ()) -> Condition:
     b = b or _of_its_name(a, relation)
@@ -1839,10 +1874,19 @@ _words("_visit", "MAKE | TAKE | HANDS | APPROACH | GIVE | KEEP | LOOK | _go | ON
     "done",
     "order ONCE? _mid* (STARTWITH | last:ENDWITH | (BUTFIRST | (COMMA | BUT)+ n:ORD) _visit?) one:thing (_and_others | "
     "!(_mid+ (ORD | AFTER)? _thing))",
+    "them:targets _mid+ (STARTWITH | last:ENDWITH) one:thing !(_mid+ (ORD | AFTER)? _thing)",
     cost=-0.4,
 )
-def _one_first(order: Steps, one: Phrase | None = None, adjective: Parts = (), n: int = 1, last: str = "") -> Steps:
+def _one_first(
+    order: Steps = (),
+    one: Phrase | None = None,
+    adjective: Parts = (),
+    n: int = 1,
+    last: str = "",
+    them: tuple[Phrase, ...] = (),
+) -> Steps:
     """Read "visit both desks, but leave the one in the bedroom for last", "..., starting with the red one"."""
+    order = order or _go_to(them)
     one = one or select(None, adjective)
     head = order[0]
     named = [step for step in order if isinstance(step, Do) and [one.base] == [p.base for p in step.phrases]]
@@ -1927,8 +1971,12 @@ def _if_stop_there(condition: Condition, said: str, b: Steps) -> Steps:
     return _if(condition, _go_to(_there()), b)
 
 
-@_rule("logical", "condition:if ((COMMA | STOP? THEN)+ | &_verb) a:body (_mayhap OTHERWISE COMMA? b:body)?", cost=-0.2)
-@_rule("logical", "condition:if ((COMMA | THEN)+ | &_verb) a:items (_mayhap OTHERWISE COMMA? b:items)?")
+@_rule(
+    "logical",
+    "condition:if ((COMMA | STOP? THEN)+ | &_verb) a:body (_otherwise b:body)?",
+    cost=-0.2,
+)
+@_rule("logical", "condition:if ((COMMA | THEN)+ | &_verb) a:items (_otherwise b:items)?")
 def _if(condition: Condition, a: Steps, b: Steps = ()) -> Steps:
     """Read "if there is a dog go to it, and if there is none, go to the tv": one beside the other."""
     inner = a[0]
@@ -1961,7 +2009,7 @@ def _unless(condition: Condition, a: Steps, b: Steps = (), said: str = "instead"
 )
 def _or_else(a: Steps, b: Steps) -> Steps:
     """Read "go to the sofa or, if there is none, to the chair"."""
-    if len(a) != 1 or not isinstance(a[0], Do) or not a[0].phrases:
+    if len(a) != 1 or not isinstance(a[0], Do) or not a[0].phrases or "‹" in a[0].phrases[0].text:
         raise CommandError("")
     test, phrases = _exists(a[0].phrases[0])
     return (Choose(test, phrases, a, b),)
@@ -2026,6 +2074,7 @@ def _if_so(condition: Condition, a: Steps = (), b: Steps = ()) -> Steps:
     return (Choose(*condition, a, b),)
 
 
+_words("_otherwise", "_mayhap OTHERWISE (COMMA | THEN)*")
 _words("_else", "_mayhap (OTHERWISE COMMA? | LACKING (COMMA | STOP | THEN)+)")
 
 
@@ -2439,6 +2488,20 @@ def _instead_so_much(
     if not isinstance(last, Do):
         raise CommandError("")
     return (*items[:-1], _resized(last, call, measure))
+
+
+@_rule(
+    "start", "_mayhap items _mayhap (NOWAIT (COMMA | STOP)*)* REVERSED (COMMA | STOP)* again:items? _mayhap", cost=-0.5
+)
+def _the_other_way_round(items: Steps, again: Steps = ()) -> Steps:
+    """Read "the sofa, then the basket. No, the other way round: basket first": the steps, the last of them first."""
+    steps = [step for step in items if isinstance(step, Do) and step.phrases and "‹" not in str(step.phrases)]
+    if not 2 <= len(steps) == len(items):
+        raise CommandError("")
+    told = [str(step.phrases) for step in again if isinstance(step, Do)]
+    if told != [str(step.phrases) for step in steps[::-1]][: len(told)]:
+        raise CommandError("the order that is meant was not understood")
+    return tuple(step if step.verb else replace(step, lines=steps[0].lines, verb=steps[0].verb) for step in steps[::-1])
 
 
 _words("_struck", "(NOWAIT (COMMA | STOP)*)+ items")

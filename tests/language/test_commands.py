@@ -227,6 +227,57 @@ def test_where_a_further_goal_is_not_understood_nothing_is_done(said: str) -> No
         read_command(said, LABELS)
 
 
+@pytest.mark.parametrize(
+    ("said", "program"),
+    [
+        ("The couch, then the table. No, the other way round: table first.", "move_to_object({t})|move_to_object({s})"),
+        (
+            "Go to the couch and then to the table. Sorry, the other way around.",
+            "move_to_object({t})|move_to_object({s})",
+        ),
+        ("There's a plant on the table, that's what I'm after.", "move_to_object(plant)"),
+        ("Go to the nearest of the chairs, and the one at the table doesn't count.", "move_to_object(nearest(minus("),
+        ("go forward half a metre, turn right, then half a metre more", "move_forward(0.5)|turn(90)|move_forward(0.5)"),
+    ],
+)
+def test_what_is_said_last_of_what_was_said_before(said: str, program: str) -> None:
+    lines = [line.removeprefix("robot.") for line in read_command(said, LABELS).program.splitlines()]
+    wanted = program.format(**SHORT).split("|")
+    assert all(line.startswith(start) for line, start in zip(lines[-len(wanted) :], wanted, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("said", "line"),
+    [
+        (
+            "I want both couches looked at; begin with the one near the plant.",
+            'for couch in order(nearest({S}, 2), "first", ',
+        ),
+        ("There are three chairs; I'd like them checked, west end first.", 'for chair_2 in order(chair, "west"):'),
+        ("Which chairs and plants are on the table?", "tell(union(on({C}, the({T})), on({P}, the({T}))), "),
+        ("How many chairs are there, only the kitchen?", 'tell(inside({C}, room("kitchen")), "count")'),
+        ("If there are two chairs, go to the couch; if there's only one, go to the table.", "if count({C}) == 1:"),
+        ("If there are two chairs, go to the couch; if there are three, go to the table.", "if count({C}) == 2:"),
+        (
+            "Go to the couch, but not this one where the plant is standing.",
+            "robot.move_to_object(minus({S}, having({S}, {p})))",
+        ),
+        (
+            "There are two couches. Go to the larger of the pair.",
+            'robot.move_to_object(first(order(nearest({S}, 2), "large")))',
+        ),
+        ("Go to the more easterly chair.", 'robot.move_to_object(first(order({C}, "east")))'),
+    ],
+)
+def test_what_is_said_of_several_at_once(said: str, line: str) -> None:
+    assert line.format(**SHORT) in read_command(said, LABELS).program
+
+
+def test_how_many_are_short_is_no_question_of_their_size() -> None:
+    with pytest.raises(CommandError):
+        read_command("How many chairs are we short?", LABELS)
+
+
 def test_a_word_that_takes_in_the_full_stop_is_no_traceback() -> None:
     read = read_command("Chair that's closest to the table, there you wait.", LABELS)
     assert read.program.startswith('robot.move_to_object(nearest(things("chair"), 1, nearest(things("dining table"))))')
