@@ -6,19 +6,19 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import islice
+from itertools import islice, pairwise
 from typing import Final
 
 from simaps_viz.errors import CommandError
-from simaps_viz.language.gist import clauses_of
+from simaps_viz.language.gist import EXCLAIMED, Clause, clauses_of, is_step
 from simaps_viz.language.grammar import Chart
 from simaps_viz.language.nouns import ALL, IT, LAST, ONE, SAME, SUCH, THAT, Phrase, quoted, select
 from simaps_viz.language.orders import EVERYTHING, GRAMMAR, Choose, Do, Repeat, Steps
 from simaps_viz.language.primitives import FUNCTIONS, SELF
 from simaps_viz.language.program import ProgramError, parse_program
 from simaps_viz.language.questions import plain_question
-from simaps_viz.language.tokenizer import Sentence, clauses, is_reason, is_statement, is_wish, plainly, read_words
-from simaps_viz.language.words import AROUND_ORDERS, LACKS, Noun, Vocabulary, plain, plural, singular
+from simaps_viz.language.tokenizer import Sentence, clauses, is_statement, is_wish, plainly, read_words
+from simaps_viz.language.words import LACKS, Noun, Vocabulary, plain, plural, singular
 
 MAX_LENGTH: Final = 500
 """Characters of a command."""
@@ -35,47 +35,19 @@ _MARGIN: Final = 0.28
 """How much less likely than the program another reading may be."""
 _END: Final = re.compile(r"(?:\W|\b(?:and|then|but|next)\b)+$")
 _ENDS: Final = ("COMMA", "AND", "THEN", "STOP")
-_MEANT: Final = frozenset({
-    "NOUN", "NOUNS", "ROOMKIND", "ROOM", "ROOMS", "PLACE", "SPOT", "NUM", "IF", "IFSEE", "IFKNOWN", "UNLESS", "NEVER",
-    "NOT", "WITHOUT", "EXCEPT", "OTHERWISE", "UNTIL", "NOWAIT", "BEFORE", "AFTER", "HANDS", "NOTHING",
-    "BUTFIRST", "BUTNO", "NOTBEFORE", "VIA", "WHENEVER", "AVOID", "GO", "APPROACH", "TURN", "FACE", "LOOK",
-    "CIRCLE", "PASS", "SPIN", "STAND", "HALT", "RETURN", "BACKUP", "LEAVE", "STRAFE", "MAKE", "KEEP", "TAKE",
-    "STEPS", "UTURN", "HOWMANY", "EXIST", "SEEQ", "COUNT", "WHATCOLOR", "HOWTOGET", "WHERE", "WHICH",
-    "WHAT", "HOWFAR", "HOWBIG",
-})  # fmt: skip
-"""Tokens of what is done, with what, and on what condition: a clause that has one of them is never only talk."""
-_DONE: Final = frozenset(
-    {"GO", "APPROACH", "TURN", "FACE", "LOOK", "CIRCLE", "PASS", "RETURN", "HANDS", "NEVER", "NOT", "TO"}
-)
-"""Tokens of what is done: a clause that has one of them is no heading."""
 _DRIVEN: Final = frozenset(["GO", "APPROACH", "TURN", "FACE", "CIRCLE", "PASS", "RETURN", "TAKE", "LEAVE"])
 """Tokens of orders: a clause that has one of them is no mere wish."""
-_ORDERED: Final = _DRIVEN | {
-    "LOOK", "SPIN", "STAND", "HALT", "BACKUP", "STRAFE", "MAKE", "KEEP", "COUNT", "LIST", "AVOID", "NEVER", "NOT",
-    "HANDS", "NOWAIT", "IF", "UNLESS", "UNTIL", "TO", "HOWMANY", "WHERE", "EXISTONLY", "ONLY", "EXCEPT", "NEITHER",
-    "WITHOUT",
-}  # fmt: skip
-"""Tokens with which orders, questions and limits begin."""
-_BINDS: Final = frozenset([
-    "IF", "IFSEE", "IFKNOWN", "IFSO", "UNLESS", "OTHERWISE", "COLOR", "SIZE", "ONE", "ONES", "ONLY", "EXCEPT", "LEFT",
-    "RIGHT", "NEAREST", "FARTHEST", "SUPER", "MORE", "ORD", "OTHER", "AVOID", "NEITHER", "WITHOUT", "HANDS", "NEVER",
-    "NUM", "IT",
-])  # fmt: skip
-"""Tokens that may say which thing is meant, or what is not to be done."""
 _SHORTLY: Final = re.compile(
     r"\b(?:each|both|all(?: of them)?|every one|the (?:nearest )?(?:\w+(?:est|most)|black|white|gr[ea]y|red|green|blue|"
     r"brown|yellow))\W*$"
 )
 """The end of an order that names no thing itself: "stop at each", "go to the longest"."""
-_SIGH: Final = re.compile(r"(?:me )?(?:, )?(?:my|our|what an?|such an?)\b")
-"""How talk begins in which each word is known: "dear me, my back"."""
 _PLACING: Final = frozenset(["NEAR", "ON", "IN", "AT", "BY", "UNDER", "BEHIND", "BETWEEN", "FRONT", "OPPOSITE"])
 _JOINING: Final = frozenset({",", ";", ":", "and", "then", "so", "but", "or"})
 _JOINED: Final = re.compile(r"^\W*(?:and|but|so)\b,?(?! (?:not|no|never|none|without|only|first|do not|don)\b)")
 """What joined an order to talk that is left out."""
 _STARTS: Final = frozenset([".", "!", "?", "because", "while", "until", "i", "we", "my"])
 """Words besides those that join clauses before which a command may end."""
-_OPENS: Final = frozenset(["TO", "TOWARD", "NEAR", "AT", "IN", "ON", "BY", "FOR", "FROM", "AND", "THEN"])
 _DETERMINERS: Final = frozenset(["DET", "INDEF", "EVERY"])
 _BEGINS: Final = _DRIVEN | {
     "LOOK", "SPIN", "HALT", "BACKUP", "STRAFE", "MAKE", "COUNT", "LIST", "HOWMANY", "WHERE", "WHAT", "WHICH", "HOWFAR",
@@ -149,44 +121,46 @@ def _ways_to_read(text: str, vocabulary: Vocabulary) -> Iterator[Callable[[], Re
     if not _BARRED.isdisjoint(text):
         return
     tried = set[tuple[str, tuple[str, ...]]]()
-    for aside in _without_asides(text, vocabulary):
-        if (aside.text, aside.left_out) not in tried:
-            tried.add((aside.text, aside.left_out))
-            yield partial(aside.rest, vocabulary)
-    for guess in (_need, _there):
-        yield partial(guess, text, vocabulary)
-    for aside in _gists(text, vocabulary):
-        if (aside.text, aside.left_out) not in tried:
-            tried.add((aside.text, aside.left_out))
-            yield partial(aside.rest, vocabulary, known=True)
+    for tails, short in ((False, False), (True, False), (True, True)):
+        for aside in _asides([*clauses_of(plainly(text), vocabulary, tails=tails)], vocabulary, short=short):
+            if (aside.text, aside.left_out) not in tried:
+                tried.add((aside.text, aside.left_out))
+                yield partial(aside.rest, vocabulary, known=tails)
+        if not short:
+            yield partial(_there if tails else _need, text, vocabulary)
 
 
-def _gists(text: str, vocabulary: Vocabulary) -> "Iterator[_Aside]":
-    """Return a text without clauses that only talk, then also without the words around what is to be done."""
-    said = [*clauses_of(plainly(text), vocabulary)]
+def _asides(said: Sequence[Clause], vocabulary: Vocabulary, *, short: bool) -> "Iterator[_Aside]":
+    """Return clauses without those that say nothing about what is to be done, each time without more of them.
+
+    "Netflix and chill: go to the sofa", "my feet hurt, so take me to the sofa", "I lost my handbag. Where is it?"
+    First without talk, then without what is told, what somebody wants, and at last what is only named before more is
+    said of it; ``short``: also without the words around what is to be done.
+    """
     sentences = [one.sentence for one in said]
-    told = [one.is_talk for one in said]
-    stated = [
-        out
-        or (
-            one.sentence.words[:1] not in (("it",), ("they",))
-            and is_statement(one.text, names_things=_names_things(one.sentence))
-        )
-        for out, one in zip(told, said, strict=True)
+    # What is there stays, if it can be read: "we have two sofas here; go to the longer one, it fits three".
+    there = [any(edge.kind == "EXIST" for here in one.sentence.edges[:2] for edge in here) for one in said]
+    told = [
+        one.is_talk and not (is_there and one.text.endswith(",")) for one, is_there in zip(said, there, strict=True)
     ]
-    topics = [out or one.is_topic for out, one in zip(stated, said, strict=True)]
-    for short in (False, True):
-        for dropped in (told, stated, topics):
-            gist = [f"{one.gist} " if short and one.gist else one.text for one in said]
-            kept = [one for one, out in zip(said, dropped, strict=True) if not out]
-            spoken_of = any(_refers(one.sentence) for one in kept)
-            if any(one.sentence.unknown for one in kept if not (short and one.gist)) or (
-                dropped is topics and not spoken_of
-            ):
-                continue
-            for aside in _without(gist, sentences, dropped, vocabulary, short=short):
-                without = tuple(one.left_out for one in kept if short and one.gist and one.left_out)
-                yield replace(aside, left_out=(*aside.left_out, *without))
+    stated = [out or one.is_told(names_things=_names_things(one.sentence)) for out, one in zip(told, said, strict=True)]
+    less = [out or (one and not is_there) for out, one, is_there in zip(told, stated, there, strict=True)]
+    wished = [
+        out or (is_wish(one.text) and not _is_driven(one.sentence)) for out, one in zip(stated, said, strict=True)
+    ]
+    wished[-1] &= stated[-1] or not _names_things(sentences[-1])
+    topics = [out or (all(stated[:at]) and said[at].is_topic) for at, out in enumerate(stated)]
+    for dropped in (told, less, stated, wished, topics):
+        gist = [f"{one.gist} " if short and one.gist else one.text for one in said]
+        kept = [one for one, out in zip(said, dropped, strict=True) if not out]
+        if (short and any(one.sentence.unknown for one in kept if not one.gist)) or (
+            dropped is topics
+            and (not any(_refers(one.sentence) for one in kept) or any(is_step(one.sentence) for one in kept))
+        ):
+            continue
+        for aside in _without(gist, sentences, dropped, vocabulary, short=short):
+            without = tuple(one.left_out for one in kept if short and one.gist and one.left_out)
+            yield replace(aside, left_out=(*aside.left_out, *without))
 
 
 def _refers(sentence: Sentence) -> bool:
@@ -215,11 +189,11 @@ _LED: Final = re.compile(
     r"head|pop)\b"
 )
 """A clause that sends the robot, or who speaks, somewhere: "take me to the right spot", "... where I can warm it"."""
+
+
 _WHERE: Final = re.compile(
-    r"\b(?:for|in|on|at|near|by|under|next to|behind|beside|from|inside)\b (?=(?:the|my|our|one)\b)"
+    r"(?<!away )\b(?:for|in|on|at|near|by|under|next to|behind|beside|from|inside)\b (?=(?:the|my|our|one)\b)"
 )
-
-
 _ASKED: Final = re.compile(
     r"\W*(?!.*\b(?:find|see|seen)\b)(?:(?:so|and|but|then) )*(?:where (?:can|could|do|does|should|may|might|would|to)|"
     r"where is (?:the |a )?(?:machine|place|thing|spot)|which way|(?:is|are) there (?:any|some)(?:thing|where)|"
@@ -243,17 +217,13 @@ _OPENLY: Final = re.compile(
 """Words for a thing that is told by what it is for."""
 _NAMELESS: Final = re.compile(r"person|thing|place\b|soft seat")
 """Classes that name nothing on a map."""
-_EXCLAIMED: Final = re.compile(
-    r"\W*(?:oh my \w+|oh no|oh dear|dear me|my \w+ness|what an? [\w ]+|\w{1,4}|"
-    r"my (?:\w+ ){0,2}(?:feet|legs|back|head|bones)|"
-    r"(?:(?:and|then|so) )*(?:i|we) (?:will |shall )?follow(?: you)?)?\W*"
-)
-"""A clause that says nothing, or only how somebody feels: "ew," or "oh my goodness,"."""
 
 
 def _need(text: str, vocabulary: Vocabulary) -> Reading:
     """Read what somebody needs by what is spoken of: "my shirt is filthy, take me to where I can wash it"."""
-    said = [one for one in clauses(plainly(text)) if not _EXCLAIMED.fullmatch(one)]
+    said = [
+        one for one in clauses(plainly(text)) if not (re.fullmatch(r"\W*\w{0,4}\W*", one) or EXCLAIMED.fullmatch(one))
+    ]
     asked = [one for one in said if _ASKED.match(one) and (text.rstrip().endswith("?") or _WHERE_ASKED.match(one))]
     sent = [one for one in said if _sends(one, vocabulary)]
     not_ = [one for one in said if _NOT_THAT.match(one)]
@@ -269,6 +239,7 @@ def _need(text: str, vocabulary: Vocabulary) -> Reading:
         or re.search(r"\b(?:not|never|n['’]t|if|unless)\b", spoken)
         or re.search(r"\?|\byou\b", " ".join(wish for wish in wishes if not wish.startswith("so ")))
         or any(_names_known(read_words(clause, vocabulary)) for clause in asked)
+        or any(is_step(read_words(clause, vocabulary)) for clause in wishes)  # "and from there to the table"
     ):
         raise CommandError("")
     if not kind or re.search(r"\b(?:it|them|this|that)\b", meant):  # "my shirt is filthy, ... where I can wash it"
@@ -400,30 +371,12 @@ def _understood(text: str, vocabulary: Vocabulary, named: Phrase | None = None) 
     try:
         return _read(sentence, vocabulary, named)
     except CommandError:
-        for opening, rest in _openings(sentence):
-            with suppress(CommandError):
-                reading = _read(read_words(rest, vocabulary), vocabulary, named)
-                return replace(reading, notes=(f'"{_in_brief(opening)}" is left out: it only opens', *reading.notes))
         if plain := plain_question(sentence):
             with suppress(CommandError):
                 reading = _read(read_words(plain, vocabulary), vocabulary, named)
                 if reading.program.startswith("tell("):
                     return replace(reading, notes=(f'read as "{plain}"', *reading.notes))
         raise
-
-
-def _openings(sentence: Sentence) -> Iterator[tuple[str, str]]:
-    """Return what may only open an order or question, "I would suggest that you", and what is left."""
-    if sentence.words[0] in ("to", "of", "as", "that"):  # "she told me not | to go to the chair"
-        return
-    for at, (word, edges) in enumerate(zip(sentence.words, sentence.edges, strict=False)):
-        asked = not {"what", "how"}.isdisjoint(sentence.words[:at])  # "what do you reckon, how many", but not "what is"
-        if at and any(edge.kind in _BEGINS for edge in edges) and (not asked or sentence.words[at - 1] == ","):
-            yield " ".join(sentence.words[:at]), " ".join(sentence.words[at:])
-        if not (
-            word in AROUND_ORDERS or word in ("what", "how") or (at and word == ",") or re.fullmatch(r"\w{3,}ly", word)
-        ):
-            return
 
 
 @dataclass(frozen=True)
@@ -446,6 +399,8 @@ class _Aside:
         reading = _understood(self.text, vocabulary, self.named)
         if unsaid := self._unsaid(reading.program, vocabulary):
             raise CommandError(f'Not understood: "{_in_brief(unsaid)}". What it says of a thing was not heard')
+        if "search(" in reading.program and any(map(_names_known, self.sentences)):
+            raise CommandError("")  # "how many portholes, windows I should say, are there"
         if known and "search(" in reading.program and not re.search(r"^(?:tell\(|if )", reading.program, re.MULTILINE):
             raise CommandError("")
         said = re.findall(r'"([^"]*)"', reading.program)
@@ -460,7 +415,8 @@ class _Aside:
 
     def _unsaid(self, program: str, vocabulary: Vocabulary) -> str:
         """Return the first of what is left out that says which of the things meant are, or in which order; else ""."""
-        for clause, said in zip(self.sentences, self.left_out, strict=False):
+        for clause in self.sentences:
+            said = " ".join(clause.words)
             compass = any(edge.kind in _COMPASS for here in clause.edges for edge in here)
             if compass and _ALONG.match(said):
                 return said
@@ -485,13 +441,18 @@ def _tells_apart(clause: Sentence, program: str) -> bool:
     """Whether a clause has a colour and a program none, or speaks of "the big one", "it" or "they" and how it is."""
     if clause.words[:1] == ("forget",):  # "actually the big one, forget the little one"
         return False
+    if re.search(r"\bthe \w+(?:er|est) (?:of|one)\b", " ".join(clause.words)):
+        return True
     back, before = False, set[str]()
     for at, here in enumerate(clause.edges[:-1]):
         kinds = {edge.kind for edge in here}
         # "The red chair is broken, go to the yellow one" has a colour of its own.
         if kinds == {"COLOR"} and "colored(" not in program:
             return True
-        if at and not kinds.isdisjoint(("ONE", "ONES")) and before & _BEFORE_ONE:
+        placed = clause.words[max(at - 2, 0) : at] in (("was", "the"), ("is", "the")) and not _PLACING.isdisjoint(
+            edge.kind for edge in clause.edges[at + 1]
+        )  # "it was the one in the bedroom"
+        if at and not kinds.isdisjoint(("ONE", "ONES")) and (before & _BEFORE_ONE or placed):
             return True
         if back and not kinds.isdisjoint(_TELLS) and not any(_is_place_or_in(edge.value, program) for edge in here):
             return True
@@ -516,50 +477,6 @@ def _is_place_or_in(value: object, program: str) -> bool:
     return isinstance(value, Noun) and (value.label.startswith("place ") or quoted(value.label) in program)
 
 
-def _without_asides(text: str, vocabulary: Vocabulary) -> Iterator[_Aside]:
-    """Return a text without clauses that say nothing about what is to be done.
-
-    "Netflix and chill: go to the sofa", "my feet hurt, so take me to the sofa", "I lost my handbag. Where is it?"
-    First without reasons and talk in which no word counts, then also without what is only said to be so, and at last
-    without what a person wants to do there.
-    """
-    plain = plainly(text)
-    sentence = read_words(plain, vocabulary)
-    at = next((at for at, word in enumerate(sentence.words) if word not in sentence.unknown), 0)
-    if at and any(edge.kind in ("GO", "TURN", "SPIN") for edge in sentence.edges[at]):  # "hihi spin round"
-        said = " ".join(sentence.words[:at])
-        yield _Aside(" ".join(sentence.words[at:]), (said,))
-    said = re.split(r"(?<=[.!?])\s+", plain)
-    sentences = [read_words(one, vocabulary) for one in said]
-    told = [_is_told(one, sentence) for one, sentence in zip(said, sentences, strict=True)]
-    yield from _without(said, sentences, told, vocabulary)
-    for purposes in (False, re.search(r"\b(?:i|me|we|us)\b", plain) is not None):
-        said = list(clauses(plain, purposes=purposes))
-        sentences = [read_words(clause, vocabulary) for clause in said]
-        talk, stated = [], []
-        for clause, sentence in zip(said, sentences, strict=True):
-            names_things = _names_things(sentence)
-            talk.append(is_reason(clause) or _is_talk(sentence) or (purposes and _is_purpose(sentence)))
-            joined = re.match(r"\W*(?:and |but )?then\b", clause) and len(talk) > 1
-            stated.append(talk[-1] or (not joined and is_statement(clause, names_things=names_things)))
-        # At last what somebody wants goes, where what is to be done for it follows.
-        wished = [
-            out or (is_wish(clause) and not _is_driven(sent))
-            for out, clause, sent in zip(stated, said, sentences, strict=True)
-        ]
-        wished[-1] &= stated[-1] or not _names_things(sentences[-1])
-        # What is there stays, if it can be read: "we have two sofas here; go to the longer one, it fits three".
-        there = [any(edge.kind == "EXIST" for here in sent.edges[:2] for edge in here) for sent in sentences]
-        less = [out or (one and not is_there) for out, one, is_there in zip(talk, stated, there, strict=True)]
-        for dropped in (talk, less, stated, *(() if purposes else (wished,))):
-            yield from _without(said, sentences, dropped, vocabulary)
-    said = re.split(r"(?<=[.!?])\s+", plain)
-    if len(said) > 1:  # "Who cares about the diet? Go to the oven."
-        sentences = [read_words(one, vocabulary) for one in said]
-        beside = [_is_beside_it(one, sentence, vocabulary) for one, sentence in zip(said, sentences, strict=True)]
-        yield from _without(said, sentences, beside, vocabulary)
-
-
 def _without(
     said: Sequence[str],
     sentences: Sequence[Sentence],
@@ -581,48 +498,34 @@ def _without(
         and re.match(r"\W*(?:and |but )*(?:then|after that|afterwards)\b", after)
         for clause, after, out, kept in zip(said, said[1:], dropped, dropped[1:], strict=False)
     )  # "I have to print something, after that I need a coffee": the first of two steps
+    kept = [one for one, out in zip(sentences, dropped, strict=True) if not out]
+    torn |= any(
+        _names_things(before) and any(edge.kind == "ON" for edge in after.edges[0]) for before, after in pairwise(kept)
+    )  # "I want to sit at the table, on the chair by the fridge, it hums"
+    torn |= any(out and is_step(sentence) for sentence, out in zip(sentences, dropped, strict=True))
     left = _carried(said, sentences, dropped, vocabulary) if (short or any(dropped)) and not torn else None
     if left and left.strip():
         left = _JOINED.sub("", left)
         left_out = [at for at, out in enumerate(dropped) if out and sentences[at].words]
-        brief = tuple(said[at].strip(" ,.;:!") for at in left_out)
+        told = ""
+        for at in left_out:  # one note on all that is left out in a row
+            told += said[at] + ("" if at + 1 in left_out and not re.search(r"[.!?]\s*$", said[at]) else "\n")
+        brief = tuple(one.strip(" ,.;:!") for one in told.split("\n") if re.search(r"\w", one))
         clauses_out = tuple(sentences[at] for at in left_out)
         named = next((found for clause in clauses_out if (found := _first_named(clause))), None)
         yield _Aside(left, brief, clauses_out, named)
 
 
-def _is_told(said: str, sentence: Sentence) -> bool:
-    """Whether a whole sentence only tells something: no part of it begins as an order, a question or a limit does."""
-    if said.rstrip().endswith("?") or not sentence.words:
-        return False
-    names_things = _names_things(sentence)
-    stated = is_statement(said, names_things=names_things)
-    starts = [at + 1 for at, word in enumerate(sentence.words[:-1]) if word in _JOINING]
-    opens = {edge.kind for at in (*starts, *([] if stated else [0])) for edge in sentence.edges[at]}
-    talk = _is_talk(sentence) or (not names_things and _SIGH.match(" ".join(sentence.words)))
-    return opens.isdisjoint(_ORDERED) and bool(talk or stated)
-
-
 def _is_driven(sentence: Sentence) -> bool:
     """Whether a sentence speaks of driving somewhere: not "I want to pass"."""
     kinds = {edge.kind for here in sentence.edges for edge in here if edge.kind not in ("STOP", "COMMA", "WORD", "TO")}
-    driven = any(edge.kind in _DRIVEN and edge.value != "be" for here in sentence.edges for edge in here)
+    driven = any(
+        edge.kind in _DRIVEN and edge.value != "be" and not any(e.kind == "HANDS" and e.end >= edge.end for e in here)
+        for before, here in zip(((), *sentence.edges), sentence.edges, strict=False)
+        for edge in here
+        if not any(e.kind in _DETERMINERS for e in before)  # "the view"
+    )
     return driven and not kinds <= _DRIVEN
-
-
-def _is_beside_it(said: str, sentence: Sentence, vocabulary: Vocabulary) -> bool:
-    """Whether a whole sentence has nothing of an order, a limit or what is on the map, and cannot be read."""
-    opens = {edge.kind for edge in sentence.edges[0]}
-    kinds = {edge.kind for here in sentence.edges for edge in here}
-    asked = "EXIST" in opens and sentence.words[0] != "have"  # "is there a piano?", but not "have you eaten?"
-    if not sentence.words or _names_things(sentence) or asked or opens & _ORDERED or kinds & _BINDS:
-        return False
-    if not (said.rstrip().endswith("?") or is_statement(said, names_things=False)):  # "juggle three times."
-        return False
-    try:
-        return "search(" in _understood(said, vocabulary).program
-    except CommandError:
-        return True
 
 
 def _names_things(sentence: Sentence) -> bool:
@@ -643,9 +546,14 @@ def _carried(
     for clause, sentence, out in clauses_of:
         for label, spoken, is_bare in _named_in(sentence) if out and not is_wish(clause) else ():
             told.setdefault(label, {})[spoken] = is_bare
-    left = ""
+    left, is_begun = "", False
     for clause, sentence, out in clauses_of:
         here = "" if out else f"{clause} "
+        if not out:
+            goes_on = not {edge.kind for edge in sentence.edges[0]}.isdisjoint(("TO", "TOWARD", "OVER", *_PLACING))
+            if is_begun and goes_on:  # "drive, nice and easy, to the desk"
+                left = left.rstrip(" ,") + " "
+            is_begun = clause.endswith(",") and not _names_things(sentence)
         for label, spoken, is_bare in () if out else _named_in(sentence):
             if label in told and is_bare and vocabulary.count(label) != 1:
                 if len(told[label]) > 1 or any(told[label].values()) or spoken.split()[0] in ("a", "an", "any"):
@@ -670,25 +578,6 @@ def _named_in(sentence: Sentence) -> Iterator[tuple[str, str, bool]]:
             noun_at = next(nouns, at)
             is_bare = ALL.fullmatch(one.value.text) or "only(" in one.value.text or THAT.match(one.value.text)
             yield one.value.base[8:-2], " ".join(sentence.words[at : one.end]), bool(is_bare)
-
-
-def _is_talk(sentence: Sentence) -> bool:
-    """Whether a clause has a word that is not known, and nothing to do, no thing, no place and no condition."""
-    kinds = {edge.kind for here in sentence.edges for edge in here}
-    opens = {edge.kind for edge in sentence.edges[0]} if sentence.words else set()
-    listed = not opens.isdisjoint(_DETERMINERS) and "IS" not in kinds  # "the sofa, the zorgon"
-    heads = sentence.words[-1:] in (("!",), (":",)) and len(sentence.words) <= 4 and kinds.isdisjoint(_DONE)
-    labels = sentence.words[-1:] == (":",) and len(sentence.words) <= 6 and opens.isdisjoint(_DONE)
-    if (heads or labels) and sentence.unknown:  # "plant party!", "quick stock check:"
-        return True
-    return bool(sentence.unknown) and kinds.isdisjoint(_MEANT) and opens.isdisjoint(_OPENS) and not listed
-
-
-def _is_purpose(sentence: Sentence) -> bool:
-    """Whether a clause says what a person will do there, as "to get rid of this cup", "where I can wash my hands"."""
-    if sentence.words[:1] == ("where",):
-        return not any(edge.kind in _NAMES for here in sentence.edges[1:] for edge in here)
-    return len(sentence.words) > 2 and sentence.words[0] == "to" and any(e.kind == "HANDS" for e in sentence.edges[1])
 
 
 def _first_named(sentence: Sentence) -> Phrase | None:

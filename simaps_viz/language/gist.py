@@ -12,7 +12,7 @@ from typing import Final
 
 from simaps_viz.language.grammar import Chart, Edge
 from simaps_viz.language.orders import GRAMMAR
-from simaps_viz.language.tokenizer import Sentence, clauses, is_reason, read_words
+from simaps_viz.language.tokenizer import Sentence, clauses, is_reason, is_statement, read_words
 from simaps_viz.language.words import PHRASES, SYNONYMS, Noun, Vocabulary
 
 _SOFT: Final = frozenset([
@@ -39,14 +39,30 @@ _DOING: Final = frozenset([
 _DRIVES: Final = (_DOING | _GOING | {"HOWMANY", "WHERE", "WHICH", "WHAT", "HOWFAR", "HOWBIG"}) - {"HANDS", "PASS"}
 _ORDERS: Final = _DOING | (_GOING - {"NEED", "KEEP", "GIVE"})
 _TAIL: Final = re.compile(
-    r"(?<=\w)\s+(?=(?:like (?:an?|the|my|some)|for (?:an?|the|my|our|his|her|their|some)|before (?:the|my|our)|"
-    r"until|till|where the|when the|while the|as if|just in case|so (?:i|we|that))\s+\w|(?:until|till) \w+\W*$)"
+    r"(?<=\w)(?<!\bmuch)(?<!\bwould)(?<!\bto)(?<!where)\s+(?=(?:like (?:an?|the|my|some)|"
+    r"for (?:an?|the|my|our|his|her|their|some)|before (?:the|my|our)|"
+    r"until|till|where the|where (?:i|we|one) can|when the|while the|as if|just in case|so (?:i|we|that)|"
+    r"(?:i|we) (?:\w+ )?(?:want|need|like|love|prefer|ask|suggest|expect)(?: that)? you)\s+\w|(?:until|till) \w+\W*$)"
 )
 """Where a clause may end that says why, how or when."""
 _NEGATED: Final = re.compile(
     r"\b(?:not|never|no|cannot|without|unless|if|whether)\b|n['’]?t\b(?<!want)(?<!front)(?<!plant)"
 )
-_ASIDE: Final = re.compile(r"\W*(?:like|for|before|until|till|where|when|while|as|because|just in case|so)\b")
+_ASIDE: Final = re.compile(r"\W*(?:like|for|before|until|till|where|when|whenever|while|as|because|just in case|so)\b")
+EXCLAIMED: Final = re.compile(
+    r"\W*(?:oh my \w+|oh no|oh dear|dear me|my \w+ness|what an? [\w ]+|"
+    r"if (?:i am not mistaken|i remember (?:right|rightly|correctly)|memory serves(?: me)?)|"
+    r"(?:just )?(?:one|an?|half a) (?:second|sec|moment|minute|mo|tick)|(?:(?:oh|ugh|ow|ouch|ah|oof),? )?"
+    r"my (?:\w+ ){0,2}(?:feet|legs|back|head|bones|knees?|neck|arms?|poor \w+)|"
+    r"(?:(?:and|then|so) )*(?:i|we) (?:will |shall )?follow(?: you)?|"
+    r"(?:(?:and|so|now|just|please|come on|go on),? )*(?:(?:get|let us get|start) (?:moving|going|rolling|cracking)|"
+    r"lead (?:the way|on)|off (?:you|we) \w+|no (?:dilly\W?dallying|dawdling|loitering|slacking|lingering|faffing)|"
+    r"(?:(?:could|can|will|would) )?you (?:go|walk|drive) (?:first|ahead|in front)|"
+    r"(?:that is|that will be) (?:all|it|everything)(?: (?:for now|i need|i want|thanks))?|chop\W*chop))\W*"
+)
+"""A clause that says nothing, only how somebody feels, or that it is time: "oh my goodness,", "get moving"."""
+_QUESTION: Final = re.compile(r"\W*(?:(?:and|but|so) )*(?:what|where|which|who|how|is|are|do|does|can|could)\b.*\?\s*$")
+_YOU: Final = re.compile(r"\byou\b")
 _TO: Final = frozenset(["TO", "TOWARD", "OVER"])
 _JOINED: Final = re.compile(
     r"(?:(?:,|and|then|but|also|next|first|second|last|lastly|finally|afterwards|later|after (?:that|which|it)|on|"
@@ -71,12 +87,18 @@ class Clause:
         words = self.gist.split()
         return " ".join(word for word in self.sentence.words if word not in words)
 
+    def is_told(self, *, names_things: bool) -> bool:
+        """Whether it says how things are, and nothing about what is to be done."""
+        return not _QUESTION.match(self.text) and is_statement(self.text, names_things=names_things)
+
     @property
     def is_topic(self) -> bool:
         """Whether it only names one thing, of which more is said after it."""
         sentence, kinds = self.sentence, _kinds(self.sentence)
         placed = {"ON", "IN", "AT", "BY", "NEAR", "UNDER", "BEHIND", "BETWEEN", "FRONT", "WHERE"}
-        if not kinds or kinds[0] & placed or any(here & _ORDERS and "IS" not in here for here in kinds):
+        if not kinds or kinds[0] & (placed | {"IS"}) or any(here & _ORDERS and "IS" not in here for here in kinds):
+            return False
+        if is_step(sentence) or _YOU.search(self.text):
             return False
         known = [any(_is_known(edge.value) for edge in here) for here in sentence.edges]
         chart, named = Chart(GRAMMAR, sentence.edges), range(0)
@@ -85,25 +107,30 @@ class Clause:
             if not named and ends and any(known[at : max(ends)]):
                 named = range(at, max(ends))
         others = (at for at in range(len(kinds)) if at not in named)
+        if named and named[0] and kinds[named[0] - 1] & (_TO | {"AT", "BY", "NEAR"}):
+            return False  # "conclude it at the toaster"
         return bool(named) and not any(known[at] or kinds[at] & _HARD for at in others)
 
 
-def clauses_of(text: str, vocabulary: Vocabulary) -> Iterator[Clause]:
-    """Return the clauses of a text in plain words."""
+def clauses_of(text: str, vocabulary: Vocabulary, *, tails: bool) -> Iterator[Clause]:
+    """Return the clauses of a text in plain words; ``tails``: what says why, how or when is a clause of its own."""
     for whole in clauses(text):
         at = 0
-        for end in (*_TAIL.finditer(whole), None):
+        for end in (*(_TAIL.finditer(whole) if tails else ()), None):
             said = whole[at : end.end() if end else len(whole)]
             at = end.end() if end else at
             sentence = read_words(said, vocabulary)
             negated = _NEGATED.search(said) is not None
-            talk = is_reason(said) or (not negated and is_talk(said, sentence))
-            yield Clause(said, sentence, talk, "" if talk or negated or not sentence.words else gist(sentence))
+            talk = is_reason(said) or EXCLAIMED.fullmatch(said) or (not negated and is_talk(said, sentence))
+            yield Clause(said, sentence, bool(talk), gist(sentence) if tails and not (talk or negated) else "")
 
 
 def is_talk(said: str, sentence: Sentence) -> bool:
     """Whether a clause has nothing of what may not be left out."""
     words, kinds = sentence.words, _kinds(sentence)
+    where = re.match(r"\W*where (?:i|we|one) can\b", said) is not None  # "to the couch where I can read"
+    if _says_nothing(sentence) or (where and not any(_is_known(e.value) for here in sentence.edges for e in here)):
+        return True
     aside = _ASIDE.match(said) is not None and "you" not in words
     alike = re.match(r"\W*like (?!the\b)", said) is not None and bool(sentence.unknown)  # "like musical chairs"
     for at, here in enumerate(kinds):
@@ -125,6 +152,50 @@ def is_talk(said: str, sentence: Sentence) -> bool:
         "IS" in here and word != "'s" for word, here in zip(words, kinds, strict=True)
     )  # not "my uncle's harp"
     return states or not listed
+
+
+def is_step(sentence: Sentence) -> bool:
+    """Whether a clause begins as one of several orders does, "then ..." or "first ...", and tells nothing."""
+    words, kinds = sentence.words, [*_kinds(sentence), set[str]()]
+    at = next((at for at, here in enumerate(kinds) if here.isdisjoint(("AND", "BUT", "COMMA"))), 0)
+    if kinds[at].isdisjoint(("THEN", "ORD", "LASTLY")):
+        return False
+    end = max(edge.end for edge in sentence.edges[at] if edge.kind in ("THEN", "ORD", "LASTLY"))
+    rest = " ".join(words[end:])
+    does = not kinds[end].isdisjoint(("DET", "INDEF")) or any(
+        _names(sentence, i) or here & (_ORDERS | _TO) for i, here in enumerate(kinds[:-1])
+    )
+    if "ORD" in kinds[at] and not does:
+        return False  # "first day"
+    return re.search(r"\w", rest) is not None and not is_statement(rest, names_things=False)
+
+
+_MEANT: Final = frozenset({
+    "NOUN", "NOUNS", "ROOMKIND", "ROOM", "ROOMS", "PLACE", "SPOT", "NUM", "IF", "IFSEE", "IFKNOWN", "UNLESS", "NEVER",
+    "NOT", "WITHOUT", "EXCEPT", "OTHERWISE", "UNTIL", "NOWAIT", "BEFORE", "AFTER", "HANDS", "NOTHING",
+    "BUTFIRST", "BUTNO", "NOTBEFORE", "VIA", "WHENEVER", "AVOID", "GO", "APPROACH", "TURN", "FACE", "LOOK",
+    "CIRCLE", "PASS", "SPIN", "STAND", "HALT", "RETURN", "BACKUP", "LEAVE", "STRAFE", "MAKE", "KEEP", "TAKE",
+    "STEPS", "UTURN", "HOWMANY", "EXIST", "SEEQ", "COUNT", "WHATCOLOR", "HOWTOGET", "WHERE", "WHICH",
+    "WHAT", "HOWFAR", "HOWBIG",
+})  # fmt: skip
+"""Tokens of what is done, with what, and on what condition: a clause that has one of them is never only talk."""
+_DONE: Final = frozenset(
+    {"GO", "APPROACH", "TURN", "FACE", "LOOK", "CIRCLE", "PASS", "RETURN", "HANDS", "NEVER", "NOT", "TO"}
+)
+"""Tokens of what is done: a clause that has one of them is no heading."""
+_OPENS: Final = frozenset(["TO", "TOWARD", "NEAR", "AT", "IN", "ON", "BY", "FOR", "FROM", "AND", "THEN"])
+
+
+def _says_nothing(sentence: Sentence) -> bool:
+    """Whether a clause has a word that is not known, and nothing to do, no thing, no place and no condition."""
+    words, kinds = sentence.words, {edge.kind for here in sentence.edges for edge in here}
+    opens = {edge.kind for edge in sentence.edges[0]} if words else set[str]()
+    listed = not opens.isdisjoint(("DET", "INDEF", "EVERY")) and "IS" not in kinds  # "the sofa, the zorgon"
+    heads = words[-1:] in (("!",), (":",)) and len(words) <= 4 and kinds.isdisjoint(_DONE)
+    labels = words[-1:] == (":",) and len(words) <= 6 and opens.isdisjoint(_DONE)
+    if (heads or labels) and sentence.unknown:  # "plant party!", "quick stock check:"
+        return True
+    return bool(sentence.unknown) and kinds.isdisjoint(_MEANT) and opens.isdisjoint(_OPENS) and not listed
 
 
 def _kinds(sentence: Sentence) -> list[set[str]]:
@@ -158,6 +229,8 @@ _WANTS: Final = frozenset(["wants", "needs"])
 
 def gist(sentence: Sentence) -> str:
     """Return what a clause says is to be done; "" where the grammar reads it whole, or nothing of it."""
+    if not sentence.words:
+        return ""
     whole = sentence
     while sentence.words and sentence.words[-1] in ".,;:!?":
         sentence = Sentence(sentence.words[:-1], (*sentence.edges[:-2], ()), ())
@@ -175,8 +248,8 @@ def gist(sentence: Sentence) -> str:
         chart = Chart(GRAMMAR, known)
         for at in range(end):
             found = any(one.end >= end for one in chart.parse("start", at))
-            if at and any(edge.kind in ("IS", "FINITE", "EXIST") for edge in known[at]):
-                continue  # "it is any of them" asks nothing
+            if at and any(edge.kind in ("IS", "FINITE", "EXIST", "MORE") for edge in known[at]):
+                continue  # "it is any of them" asks nothing, nor does "whichever stands closer to the lamp"
             if found and at == 0:
                 if words == sentence.words or (words[0] != sentence.words[0] and _kinds(short)[0].isdisjoint(_DRIVES)):
                     return ""  # "dim the lamp"

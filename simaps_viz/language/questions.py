@@ -11,7 +11,7 @@ from simaps_viz.language.grammar import Chart
 from simaps_viz.language.nouns import IT, ONE, SAME, Phrase
 from simaps_viz.language.orders import EVERYTHING, GRAMMAR
 from simaps_viz.language.tokenizer import Sentence
-from simaps_viz.language.words import AROUND_ORDERS, AROUND_QUESTIONS, NUMBERS
+from simaps_viz.language.words import AROUND_QUESTIONS, NUMBERS
 
 _PUT_AS: Final = {
     "HOWMANY": "how many {} are there?",
@@ -25,7 +25,7 @@ _PUT_AS: Final = {
 """{what is asked: how it is put}; of EXIST and WHAT only where nothing else is asked."""
 _CALLED: Final[dict[str, str]] = {word: kind for kind, words in AROUND_QUESTIONS["asked"].items() for word in words}
 _MOVING: Final = frozenset(AROUND_QUESTIONS["moving"])
-_LIGHT: Final = (AROUND_ORDERS - {*AROUND_QUESTIONS["heavy"]}) | {*AROUND_QUESTIONS["light"]}
+_LIGHT: Final = frozenset(AROUND_QUESTIONS["light"])
 """Words that name nothing and limit nothing."""
 _PLACING: Final = frozenset(
     ["IN", "ON", "AT", "BY", "NEAR", "UNDER", "BEHIND", "FRONT", "BETWEEN", "OPPOSITE", "NEAREST", "WITH", "WITHOUT"]

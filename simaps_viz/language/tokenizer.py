@@ -65,10 +65,6 @@ _ENDS: Final = re.compile(
     r")\b)"
 )
 """Where a clause ends; the second kind of end takes no letter."""
-_PURPOSE: Final = re.compile(
-    rf"{_ENDS.pattern}|\s(?=to (?!the\b|an?\b|my\b|our\b|your\b|this\b|that\b)\w+ \w+|where (?:i|we|one) can \w+)"
-)
-"""Where a clause or "to get rid of this cup" begins."""
 _NOT: Final = r"\w+n['’]t|(?:do|does|did|is|are|was|were|ca|wo|could|would|should|has|have|had)nt"
 """A verb that is negated, with its apostrophe or without: not "plant", "want"."""
 _SUBJECT: Final = (
@@ -78,6 +74,7 @@ _SUBJECT: Final = (
 _PAST_VERBS: Final = (
     r"said|told|left|lost|came|went|forgot|put|fell|hid|sat|slept|stood|took|threw|bought|brought|broke|thought|knew|"
     r"met|made|saw|gave|got|found|kept|ate|drank|wrote|ran|built|lent|spent|felt|heard|won|paid|hung|meant|sold|spilt|"
+    r"fed|rang|bit|blew|rode|drew|flew|grew|hit|lit|sang|shook|shut|spoke|stole|stuck|swore|tore|wore|woke|burnt|"
     r"\w{2,}ed"
 )
 _NO_SUBJECTS: Final = {
@@ -110,14 +107,15 @@ _STATEMENT: Final = re.compile(
     r"|(?:i|we) (?:would|could) \w+ (?:it |that |there )?(?:myself|ourselves)\b"
     r"|.*\bwrong (?:way|direction|side)\b|(?:here is|there is) .*"
     r"|(?:the |my |our |this )?\w+['’]s (?:all |still |too |so |very |quite |just |a bit )?"
-    r"(?:\w{2,}ed|\w{2,}ing|\w+y|\w+t)\b"
+    r"(?:\w{2,}ed|\w{2,}ing|\w+wn|\w+y|\w+t)\b"
     rf"|(?!{_DRIVING}|bring\b|\w*thing\b)\w{{2,}}ing (?:an?|the|my|our|some|up|out|off|for|over|dark|late)\b)"
 )
 """A clause that says how things are."""
 _REASON: Final = re.compile(
     r"^\W*(?:so(?: that)?|because|cause|cos|as|since|until|till|while|whilst|before|after|in case|when)"
     r"\s+(?:i|we|he|she|they|my|our|his|her|people|somebody|someone)\b"
-    r"(?!\s+(?:want|need|would like)\b)|^\W*(?:because|cause|cos)\b(?! (?:i|we) (?:want|need|would like)\b)"
+    rf"(?!\s+(?:want|need|would like)\b)|^\W*(?:before|while|until|as) (?:the|an?|our) \w+ {_NOW}\b|"
+    r"^\W*(?:because|cause|cos)\b(?! (?:i|we) (?:want|need|would like)\b)"
     r"|^\W*(?:i|we) (?:want|need|would like|have) to (?:see|check|inspect) "
     r"(?:which ones|whether|if|how (?!many|much|far))\b"
 )
@@ -125,7 +123,8 @@ _WISH: Final = re.compile(
     r"^(?!.*\b(?:not|no|never|nor|except|but|only|unless|avoid|without|instead|you|ones?|other|first|last|then|"
     r"\w+n['’]t)\b)"
     r"\W*(?:let us (?:see|check|find out) (?:if|whether)\b|(?:(?!if\b|when\b|unless\b|go\b|where\b|which\b)\w+ ){1,4}?"
-    r"(?:wants?|needs?|would (?:like|love)|should|must|ha(?:s|ve) to|(?:am|are|is) (?:dying|longing|starving))\b)"
+    r"(?:wants?|needs?|would (?:like|love|enjoy|prefer)|should|must|"
+    r"ha(?:s|ve) (?:got )?to|(?:am|are|is) (?:dying|longing|starving))\b)"
 )
 """A clause that says what somebody wants, or what has to be done."""
 _KEPT_TO: Final = r"(?:(?:and|but|so|then|please|you|we|i|to) |^\W*)(?:keep|stay)"
@@ -228,10 +227,10 @@ def plainly(text: str) -> str:
     return said
 
 
-def clauses(text: str, *, purposes: bool = False) -> Iterator[str]:
-    """Return the clauses of a text, each with the mark that ends it; ``purposes`` begin clauses of their own."""
+def clauses(text: str) -> Iterator[str]:
+    """Return the clauses of a text, each with the mark that ends it."""
     at = 0
-    for end in (_PURPOSE if purposes else _ENDS).finditer(text):
+    for end in _ENDS.finditer(text):
         yield text[at : end.end()]
         at = end.end()
     yield text[at:]
@@ -240,7 +239,7 @@ def clauses(text: str, *, purposes: bool = False) -> Iterator[str]:
 _WANTED: Final = re.compile(
     r"\b(?:want|need|would like|would love|wish|expect) you\b|\byou (?:should|must|shall|can "
     r"go|will|(?:have|need|are) to)\b|"
-    r"\band you (?!are\b|know\b)\w+"
+    r"\band you (?!are\b|know\b)\w+|\b(?:not|n['’]?t) (?:be )?(?:count|includ)\w*|\bexclud\w+"
 )
 """What is asked of the robot, in any clause."""
 

@@ -171,8 +171,6 @@ SPELLED: Final[dict[str, str]] = _WORDS["spelled"]
 """How words are written that are spelled as they are spoken or typed in haste."""
 VERBS: Final = frozenset(_WORDS["verbs"])
 """What people and things do, as told around an order: "my uncle sits there", "it leaks"."""
-AROUND_ORDERS: Final = frozenset(_WORDS["around_orders"])
-"""Words of which what opens an order or question is made: "I would suggest that you", "let me see you"."""
 AROUND_QUESTIONS: Final[dict[str, Any]] = _WORDS["around_questions"]
 """Words of which the rest of a question is made, see `questions`."""
 NO_NAMES: Final = frozenset(_WORDS["no_names"])

@@ -717,6 +717,13 @@ def test_sets_are_gone_through_in_their_order_and_less_what_is_left_out(said: st
         ("Who cares about the diet? Go to the couch.", "who cares about the diet?"),
         ("Doing a stock check. Go to the couch.", "doing a stock check"),
         ("Floor's wet round the table. Go to the couch.", "floor's wet round the table"),
+        # within the order, before it without a comma, and what only says that it is time
+        ("Drive, nice and easy, to the couch", "nice and easy"),
+        ("Could you, before the kettle boils, go to the couch", "could you, before the kettle boils"),
+        ("Before mum comes I want you to go to the couch", "before mum comes"),
+        ("Nobody fed the hamster, go to the couch", "nobody fed the hamster"),
+        ("Couch. Get moving.", "get moving"),
+        ("The couch, no dilly-dallying.", "no dilly-dallying"),
     ],
 )
 def test_talk_around_an_order_is_left_out_with_a_note(said: str, left_out: str) -> None:
@@ -829,6 +836,18 @@ def test_what_opens_a_sentence_and_says_more_is_not_left_out(said: str) -> None:
         ("A chair, but none of the red ones.", "go to a chair that is not red"),
         ("Not that couch, any chair.", "go to a chair"),
         ("Two chairs, not the same one twice.", "go to two chairs"),
+        ("Take me and my missus to the couch.", "take me to the couch"),
+        ("Escort the old lady and me to the couch.", "take me to the couch"),
+        ("Show my nephew and me the couch.", "show me the couch"),
+        ("Bring us both over to the couch.", "take me to the couch"),
+        ("Might I ask you, whenever it is convenient, to move over to the couch?", "move over to the couch"),
+        ("Go to the couch and once you have been there go to the table.", "go to the couch, then go to the table"),
+        (
+            "Go to the couch; as soon as you've finished there come to the table.",
+            "go to the couch, then go to the table",
+        ),
+        ("Go to the couch and, when that is over, wait at the table.", "go to the couch, then wait at the table"),
+        ("Go to the couch, and then on to the table.", "go to the couch, then go to the table"),
         (
             "If there's a dog go to the dog, and if there's no dog go to the couch.",
             "if there is a dog, go to the dog, otherwise go to the couch",
@@ -952,6 +971,11 @@ def test_what_is_told_and_may_limit_the_order_is_refused(said: str) -> None:
         "All the chairs, one after another, starting west and working east.",
         "A green chair and a grey chair by the lamp; drive to the green.",
         "The chairs in the kitchen: grey ones first.",
+        "Go to the bench, and then do a handstand.",
+        "There are two chairs; I favour the paler of the pair, go there.",
+        "Leftovers again. Take me to what I can heat them up in, and from there to the bench.",
+        "Inventory of the chairs in the kitchen: those standing elsewhere not included.",
+        "I'd like you to start at the bench, and, since I want to know it, conclude the whole thing at the table.",
         "At the bench, how many chairs are on the east side and how many on the west side?",
     ],
 )
