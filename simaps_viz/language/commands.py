@@ -502,6 +502,10 @@ def _without(
     torn |= any(
         _names_things(before) and any(edge.kind == "ON" for edge in after.edges[0]) for before, after in pairwise(kept)
     )  # "I want to sit at the table, on the chair by the fridge, it hums"
+    torn |= any(
+        out and not kept and after.startswith("for ") and clause.rstrip()[-1:].isalnum()
+        for clause, after, out, kept in zip(said, said[1:], dropped, dropped[1:], strict=False)
+    )  # "order new paper for the printer"
     torn |= any(out and is_step(sentence) for sentence, out in zip(sentences, dropped, strict=True))
     left = _carried(said, sentences, dropped, vocabulary) if (short or any(dropped)) and not torn else None
     if left and left.strip():

@@ -1409,7 +1409,7 @@ def _which_of_two(compared: str, a: Phrase, b: Phrase) -> Steps:
 
 @_rule(
     "question",
-    "WHICH (ONE? OF DET*)? np | (WHICH ONE? | WHAT) IS np",
+    "WHICH (ONE? OF DET*)? np | (WHICH ONE? | WHAT) IS (np | np:room IN? HERE)",
 )
 def _which(np: Phrase) -> Steps:
     if np.free:

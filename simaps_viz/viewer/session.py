@@ -106,7 +106,7 @@ class Tabs(Generic[S]):
 RECORDING_WIDTH_PX = 400
 MAP_SHARE = 0.6
 """The share of the page's width that the map keeps while the recorded build is docked beside it."""
-ROOMY_PX, MAX_PX = int((RECORDING_WIDTH_PX + PANEL_WIDTH_PX + 2 * RIM_PX) / (1.0 - MAP_SHARE)), 20_000
+ROOMY_PX, MAX_PX = 1900, 20_000
 """Pages narrower than the first have the recorded build folded up to a strip: the room is for the map."""
 PHONE_PX = 576
 """Narrower pages are a phone's, as in the page's style."""
@@ -153,6 +153,8 @@ class Layout:
             height_px: its height, likewise; what is no size is not used.
         """
         if self._recording is not None and isinstance(page_px, int | float) and ROOMY_PX <= page_px < MAX_PX:
+            beside = int((1.0 - MAP_SHARE) * page_px) - PANEL_WIDTH_PX - 2 * RIM_PX
+            self._recording.set_width(min(RECORDING_WIDTH_PX, beside))
             self._recording.expand()
         self._page.is_phone = isinstance(page_px, int | float) and page_px < PHONE_PX
         if _is_length(page_px) and _is_length(height_px):

@@ -752,6 +752,7 @@ def test_what_only_opens_an_order_is_left_out(said: str) -> None:
         "did you go to the couch?",
         "I see no point in visiting the couch",
         "sing me a song. Go to the couch.",
+        "Order new covers for the couch.",
     ],
 )
 def test_what_opens_a_sentence_and_says_more_is_not_left_out(said: str) -> None:
@@ -806,6 +807,9 @@ def test_what_opens_a_sentence_and_says_more_is_not_left_out(said: str) -> None:
         ("Which room is the larger one, kitchen or office?", "which room is larger, the kitchen or the office"),
         ("On the left of the couch, go to the second chair.", "go to the second chair on the left of the couch"),
         ("In the kitchen, visit every chair.", "visit every chair in the kitchen"),
+        ("Which is the biggest room here?", "what is the biggest room"),
+        ("One and half meter forward.", "go forward 1.5 m"),
+        ("Visit both chairs, whichever order suits you.", "visit both chairs"),
         ("On what is standing the couch?", "on what is the couch"),
         ("Spin round so you're looking exactly the other way.", "turn around"),
         ("Look at the couch, but don't move from the spot.", "look at the couch"),
