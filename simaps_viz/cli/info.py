@@ -65,10 +65,12 @@ def building_tables(facts: dict[str, Any]) -> "list[Table]":
     """Lay out a building's facts, see `building_summary`: a table of its floors, then one of its stairs."""
     from rich.table import Table
 
+    from simaps_viz.colors.classes import plural
+
     floors = Table("floor", "height m", "seen m²", "frames", "objects", "map", title=f"{facts['name']}",
                    title_justify="left")  # fmt: skip
     for one in facts["floors"]:
-        objects = ", ".join(f"{label} ({count})" for label, count in one["counts"].items())
+        objects = ", ".join(plural(n, label) for label, n in one["counts"].items())
         floors.add_row(str(one["number"]), f"{one['height_m']:.2f}", f"{one['seen_m2']:.1f}", str(one["frames"]),
                        objects, one["map"])  # fmt: skip
     stairs = Table("stairs", "from x, y m", "to x, y m", title_justify="left")

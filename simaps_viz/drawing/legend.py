@@ -54,12 +54,12 @@ def counts_text(simap: SIMap, most: int = 4, doubtful: Collection[int] | None = 
     """Describe what is on the map: "17 chairs, 4 dining tables · 21 instances, 2 more doubtful"."""
     if not simap.objects:
         return f"No instances: {why_empty(simap)}"
-    sure = counted(simap, doubtful)
-    parts = [plural(n, short(label)) for label, n in sure.items()]
+    both = counts_of(simap, doubtful)
+    parts = [plural(n, short(label)) for label, (n, _) in both.items() if n]
     if len(parts) > most + 1:
         parts = [*parts[:most], f"{len(parts) - most} more classes"]
-    more = sum(faint for _, faint in counts_of(simap, doubtful).values())
-    total = plural(sum(sure.values()), "instance") + (f", {more} more doubtful" if more else "")
+    sure, more = (sum(numbers) for numbers in zip(*both.values(), strict=True))
+    total = plural(sure, "instance") + (f", {more} more doubtful" if more else "")
     return " · ".join(filter(None, [", ".join(parts), total]))
 
 

@@ -190,7 +190,6 @@ _LED: Final = re.compile(
 )
 """A clause that sends the robot, or who speaks, somewhere: "take me to the right spot", "... where I can warm it"."""
 
-
 _WHERE: Final = re.compile(
     r"(?<!away )\b(?:for|in|on|at|near|by|under|next to|behind|beside|from|inside)\b (?=(?:the|my|our|one)\b)"
 )
@@ -201,7 +200,6 @@ _ASKED: Final = re.compile(
     r"(?:(?:an?|the|any|good|best) )*(?:place|spot) (?:for|to|where|i|we))\b"
 )
 """A clause that asks where that is done: "where can I heat it?", "is there something I could put them up on?"."""
-
 
 _WHERE_ASKED: Final = re.compile(r"\W*(?:(?:so|and|but|then) )*where (?:do|does|can|could|should|would|might|may)\b")
 _NOT_THAT: Final = re.compile(r"\W*(?:(?:and|but|just|only) )*(?:not|nor|(?:i|we) (?:am|are) not (?:\w+ing))\b")

@@ -28,7 +28,10 @@ _REACH: Final = 2
 _MIN_SURFACE: Final = 3
 """Voxels."""
 FRINGE_PERCENT: Final = 1.0
-_LOOSE, MIN_PATCH, _SURE_PATCH = 0.25, 0.1, 0.5
+_LOOSE: Final = 0.25
+"""Of the voxels touched by those on its faces (upper quartile): a column in which none touches so many is a stray."""
+_MIN_PATCH, _SURE_PATCH = 0.1, 0.5
+"""Share of the largest patch's voxels from which a patch near it, or any patch, is part of the object."""
 _FEW, _NEAR = 6, 4
 """Voxels of a patch from which it can be part of an object without being nearly as large, and cells to it."""
 SLIVER: Final = 0.03
@@ -131,7 +134,7 @@ def _body(keys: NDArray) -> tuple[NDArray, int]:
     patch, sizes = patches(keys)
     largest = int(sizes.argmax())
     kept = sizes >= _SURE_PATCH * sizes[largest]
-    doubtful = np.flatnonzero(~kept & (sizes >= MIN_PATCH * sizes[largest]) & (sizes >= _FEW))
+    doubtful = np.flatnonzero(~kept & (sizes >= _MIN_PATCH * sizes[largest]) & (sizes >= _FEW))
     if len(doubtful):
         cells = voxel_indices(keys)[:, :2]
         body = KDTree(cells[patch == largest])

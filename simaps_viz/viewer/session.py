@@ -152,12 +152,15 @@ class Layout:
             page_px: width of the page, as it reported it.
             height_px: its height, likewise; what is no size is not used.
         """
-        if self._recording is not None and isinstance(page_px, int | float) and ROOMY_PX <= page_px < MAX_PX:
+        self._page.is_phone = False
+        if not _is_length(page_px):
+            return
+        if self._recording is not None and page_px >= ROOMY_PX:
             beside = int((1.0 - MAP_SHARE) * page_px) - PANEL_WIDTH_PX - 2 * RIM_PX
             self._recording.set_width(min(RECORDING_WIDTH_PX, beside))
             self._recording.expand()
-        self._page.is_phone = isinstance(page_px, int | float) and page_px < PHONE_PX
-        if _is_length(page_px) and _is_length(height_px):
+        self._page.is_phone = page_px < PHONE_PX
+        if _is_length(height_px):
             self._page.viewpoints.settle(page_px, height_px)
 
     def unfold_recording(self) -> None:
