@@ -214,17 +214,16 @@ def _elected_nodes(grid: Grid, seen: _Seen, lowest: int, weight_of_label: NDArra
     # where segments meet, how often one reaches across.
     first, label, steps = _by_cell(following, label, steps, grid.label.size, size)
     del following
-    contested = _contested(first, steps)
-    start = contested[2]
+    shared, start = _contested(first, steps)
     across, watched = np.zeros(len(place), np.int32), np.zeros(grid.label.size, np.bool_)
     watched[place[met >= _MIN_MEETINGS] >> _CLASS_BITS + _STEP_BITS] = True
     if start[-1] or len(place):
         votes = np.zeros(start[-1], np.uint16)
         for cell, of_label, _, low, high, _ in seen:
-            _count(cell, of_label, low, high, lowest, first, label, *contested, votes)
+            _count(cell, of_label, low, high, lowest, first, label, shared, start, votes)
             _count_across(cell, of_label, low, high, lowest, watched, place, across)
-        _elect(first, label, steps, *contested, votes, weight_of_label)
-    del contested, start, watched
+        _elect(first, label, steps, shared, start, votes, weight_of_label)
+    del shared, start, watched
     return _Nodes(*_cut(first, label, steps, thing, place, met, across))
 
 
@@ -380,32 +379,21 @@ def _by_cell(
 def _contested(
     first: NDArray,  # int32 [cells + 1]
     steps: NDArray,  # uint64 [entries]
-) -> tuple[NDArray, NDArray, NDArray]:
-    """Number the entries of the cells in which two classes share a step.
+) -> tuple[NDArray, NDArray]:
+    """Return the steps that another class of the cell shares, uint64 [entries], and where their votes start.
 
-    Returns:
-        int32 [entries], -1 = not such an entry; uint64 [n], the steps of each that others share; and int64 [n + 1],
-        where its votes start, one number for each of these steps, ascending.
+    The latter is int64 [entries + 1]: each shared step of an entry has one number, ascending.
     """
-    slot = np.full(len(steps), -1, np.int32)
-    shared_of, start = np.zeros(0, np.uint64), np.zeros(1, np.int64)
-    for fill in range(2):
-        n = 0
-        for c in range(len(first) - 1):
-            known, shared = np.uint64(0), np.uint64(0)
-            for at in range(first[c], first[c + 1]):
-                shared |= known & steps[at]
-                known |= steps[at]
-            if shared == 0:
-                continue
-            for at in range(first[c], first[c + 1]):
-                if fill:
-                    slot[at], shared_of[n] = n, shared & steps[at]
-                    start[n + 1] = start[n] + count_bits(shared_of[n])
-                n += 1
-        if not fill:
-            shared_of, start = np.zeros(n, np.uint64), np.zeros(n + 1, np.int64)
-    return slot, shared_of, start
+    shared_of, start = np.zeros(len(steps), np.uint64), np.zeros(len(steps) + 1, np.int64)
+    for c in range(len(first) - 1):
+        known, shared = np.uint64(0), np.uint64(0)
+        for at in range(first[c], first[c + 1]):
+            shared |= known & steps[at]
+            known |= steps[at]
+        for at in range(first[c], first[c + 1]):
+            shared_of[at] = shared & steps[at]
+            start[at + 1] = start[at] + count_bits(shared_of[at])
+    return shared_of, start
 
 
 @njit(cache=True, nogil=True)
@@ -417,21 +405,17 @@ def _count(
     lowest: int,
     first: NDArray,  # int32 [cells + 1]
     label: NDArray,  # int16 [entries]
-    slot: NDArray,  # int32 [entries], as `_contested` returns it, with the two that follow
-    shared_of: NDArray,  # uint64 [contested]
-    start: NDArray,  # int64 [contested + 1]
+    shared: NDArray,  # uint64 [entries], as `_contested` returns it, with the one that follows
+    start: NDArray,  # int64 [entries + 1]
     votes: NDArray,  # in/out uint16 [shared steps]
 ) -> None:
     """Count the votes of one frame; the shared steps of a run follow each other."""
     for i in range(len(cell)):
         for at in range(first[cell[i]], first[cell[i] + 1]):
-            if slot[at] < 0:
-                break
             if label[at] != label_of[i]:
                 continue
-            shared = shared_of[slot[at]]
-            of_run = shared & _mask(low[i], high[i], lowest)
-            begin = start[slot[at]] + count_bits(shared & below_lowest(of_run))
+            of_run = shared[at] & _mask(low[i], high[i], lowest)
+            begin = start[at] + count_bits(shared[at] & below_lowest(of_run))
             for k in range(begin, begin + count_bits(of_run)):
                 if votes[k] < _MOST_VOTES:
                     votes[k] += 1
@@ -443,9 +427,8 @@ def _elect(
     first: NDArray,  # int32 [cells + 1]
     label: NDArray,  # int16 [entries]
     steps: NDArray,  # in/out uint64 [entries]
-    slot: NDArray,  # int32 [entries], as `_contested` returns it, with the two that follow
-    shared_of: NDArray,  # uint64 [contested]
-    start: NDArray,  # int64 [contested + 1]
+    shared_of: NDArray,  # uint64 [entries], as `_contested` returns it, with the one that follows
+    start: NDArray,  # int64 [entries + 1]
     votes: NDArray,  # uint16 [shared steps]
     weight: NDArray,  # float64 [labels]
 ) -> None:
@@ -454,16 +437,14 @@ def _elect(
     for c in range(len(first) - 1):
         left = np.uint64(0)
         for at in range(first[c], first[c + 1]):
-            if slot[at] >= 0:
-                left |= shared_of[slot[at]]
+            left |= shared_of[at]
         while left:
             bit = left & (~left + one)
             left &= ~bit
             best, heaviest = -1, 0.0
             for at in range(first[c], first[c + 1]):
-                row = slot[at]
-                if shared_of[row] & bit:
-                    votes_here = votes[start[row] + count_bits(shared_of[row] & (bit - one))] * weight[label[at]]
+                if shared_of[at] & bit:
+                    votes_here = votes[start[at] + count_bits(shared_of[at] & (bit - one))] * weight[label[at]]
                     if best < 0 or votes_here > heaviest:
                         best, heaviest = at, votes_here
             for at in range(first[c], first[c + 1]):
@@ -691,8 +672,8 @@ class _Partition:
         unit[self.lower] = community + tops
         units = tops + int(community.max(initial=-1)) + 1
         nodes_of = np.bincount(unit, minlength=units)
-        touching = np.stack([unit[self.lower[first[touches]]], unit[other[touches]]], axis=1)
-        touching = np.sort(touching[touching[:, 0] != touching[:, 1]], axis=1)
+        two = unit[self.lower[first[touches]]], unit[other[touches]]
+        touching = np.stack([np.minimum(*two), np.maximum(*two)], axis=1)[two[0] != two[1]]
         pooled, seen_in, named = self._pooled(sights, unit, tops, nodes_of, touching)
         # 3. Join them, best first.
         root = _join(units, tops, pooled, _among(pooled[0], touching), nodes_of, settings)
@@ -1066,7 +1047,8 @@ def _join(
     numbers = numbers[np.argsort(~alone, kind="stable")]
     new = np.zeros(units, np.int32)
     new[numbers] = np.arange(len(numbers))
-    ends = np.sort(new[group][pooled[0]], axis=1)
+    two = new[group[pooled[0][:, 0]]], new[group[pooled[0][:, 1]]]
+    ends = np.stack([np.minimum(*two), np.maximum(*two)], axis=1)
     pooled = _summed(ends, pooled[1], len(numbers))
     parent = _joined(
         len(numbers), int(alone.sum()), pooled, _among(pooled[0], ends[near]), settings, settings.pooling.touching_same
@@ -1087,8 +1069,9 @@ def _with_imagined(pooled: _Evidence, touching: NDArray, pairs: float, share: fl
         share: how much of it is *same*.
     """
     ends, evidence = pooled
-    imagined = np.where(touching, pairs * pairs / np.maximum(pairs + evidence.sum(axis=1), 1e-9), 0.0)
-    return ends, evidence + imagined[:, None] * (share, 1.0 - share)
+    same, different = evidence.T
+    imagined = np.where(touching, pairs * pairs / np.maximum(pairs + (same + different), 1e-9), 0.0)
+    return ends, np.stack([same + imagined * share, different + imagined * (1.0 - share)], axis=1)
 
 
 def _joined(
@@ -1096,7 +1079,7 @@ def _joined(
 ) -> NDArray:
     """Join parts, best affinity first, of which the first so many stay apart; return the smallest of each group."""
     two = pooled[0][:, 0] != pooled[0][:, 1]
-    (low, high), (same, different) = (np.ascontiguousarray(of[two].T) for of in pooled)
+    low, high, same, different = (of[:, k][two] for of in pooled for k in (0, 1))
     source, target, _ = join_parts(
         units, low, high, same, different, near[two],
         replace(settings.pooling, touching_same=touching_same), kept=kept, above=settings.affinity,
@@ -1177,10 +1160,9 @@ def _hidden(
     small = set(owners[voxels[owners] < least_sizes(voxels[owners], class_of[owners])].tolist())
     found = []
     for members in np.split(order, np.cumsum(np.bincount(at))[:-1]) if len(numbers) else ():
-        cells = np.unique(cell[members])
         group = int(numbers[at[members[0]]])
         glimpsed = groups.frames[group] < _MIN_FRAMES and not settings.exact
-        if len(cells) < settings.min_cells or glimpsed or not groups.apart[group]:
+        if glimpsed or not groups.apart[group] or len(cells := np.unique(cell[members])) < settings.min_cells:
             continue
         run = _as_runs(cell[members], steps[members], np.zeros(len(members), np.int32), lowest)
         name = grid.labels[label[members[0]]]
