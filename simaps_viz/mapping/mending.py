@@ -469,12 +469,9 @@ class Mending:
         with self._lock:
             return apply_log(self._base_of(simap), self._log).simap
 
-    def recommunity(
-        self, simap: SIMap, *, resolution: float, k_percent: float | None = None, affinity: float | None = None
-    ) -> SIMap:
+    def recommunity(self, simap: SIMap, *, resolution: float, **value: float) -> SIMap:
         """Return the map for another Louvain resolution, with its edits; see `mapping.simap.recommunity`."""
         self._check(simap)
-        value = {"k_percent": k_percent} if affinity is None else {"affinity": affinity}
         with self._lock:
             return apply_log(self._base_at(resolution, value), self._log).simap
 
@@ -503,15 +500,14 @@ class Mending:
         wanted = simap.parameters
         return self._base_at(wanted.get("resolution"), {slider.parameter: float(wanted[slider.parameter])})
 
-    def _base_at(self, resolution: float | None, joining: Mapping[str, float | None]) -> SIMap:
+    def _base_at(self, resolution: float | None, value: Mapping[str, float]) -> SIMap:
         """Return the map without edits; Louvain runs again only for a resolution that was not asked for last."""
         base = self.original
         if resolution is not None and resolution != base.parameters.get("resolution"):
             if self._base.parameters.get("resolution") != resolution:
-                self._base = recommunity(base, resolution=resolution, **joining)
+                self._base = recommunity(base, resolution=resolution, **value)
             base = self._base
-        same = all(value is None or base.parameters[name] == value for name, value in joining.items())
-        return base if same else repartition(base, **joining)
+        return base if value.items() <= base.parameters.items() else repartition(base, **value)
 
     def _write(self, log: EditLog) -> None:
         found = self.path.read_bytes() if self.path.is_file() else None

@@ -141,21 +141,23 @@ def origin_of(simap: SIMap) -> Origin:
     )  # fmt: skip
 
 
-def repartition(simap: SIMap, *, k_percent: float | None = None, affinity: float | None = None) -> SIMap:
-    """Return the map for another K (method paper) or affinity (method evidence): a look-up in the merge log.
+def repartition(simap: SIMap, **value: float) -> SIMap:
+    """Return the map for another value of its method's slider: a look-up in the merge log.
+
+    Args:
+        simap: the map.
+        value: ``k_percent`` from 0 to 100 (method paper) or ``affinity`` from 0 to 1 (method evidence).
 
     Raises:
-        InputError: the map's method has no such parameter, or K lies outside 0 to 100, or the affinity outside 0 to 1.
+        InputError: the map's method has no such parameter, or the value is out of range.
     """
     return assemble(
         simap.grid, simap.graphs, simap.community, simap.merges, simap.views,
-        replace(origin_of(simap), parameters=_joined(simap, k_percent, affinity)),
+        replace(origin_of(simap), parameters=_joined(simap, value)),
     )  # fmt: skip
 
 
-def recommunity(
-    simap: SIMap, *, resolution: float, k_percent: float | None = None, affinity: float | None = None
-) -> SIMap:
+def recommunity(simap: SIMap, *, resolution: float, **value: float) -> SIMap:
     """Return the map for another Louvain resolution, from the stored graphs.
 
     Views are handed on through the cells' shares, as the frames are not at hand: the new communities of an old one
@@ -167,27 +169,23 @@ def recommunity(
     """
     if not resolution > 0.0:
         raise InputError(f"resolution: expected a number above 0, found {resolution:g}")
-    parameters = {**_joined(simap, k_percent, affinity), "resolution": float(resolution)}
+    parameters = {**_joined(simap, value), "resolution": float(resolution)}
     community, log = method_of(simap.method).communities(simap.grid, simap.graphs, parameters)
     surface, hidden = surface_among(simap, community)
     origin = replace(origin_of(simap), parameters=parameters, surface=surface, hidden=hidden)
     return assemble(simap.grid, simap.graphs, community, log, _share_views(simap, community), origin)
 
 
-def _joined(simap: SIMap, k_percent: float | None, affinity: float | None) -> dict[str, Any]:
-    """Return the map's parameters with another K or affinity, checked."""
+def _joined(simap: SIMap, value: Mapping[str, float]) -> dict[str, Any]:
+    """Return the map's parameters with another value of its method's slider, checked."""
     slider = method_of(simap.method).slider
-    name = slider.parameter if slider is not None else None
-    given = {"k_percent": k_percent, "affinity": affinity}
-    wrong = [other for other, value in given.items() if value is not None and other != name]
+    wrong = [name for name in value if slider is None or name != slider.parameter]
     if slider is None or wrong:
-        has = f"{name} only" if name else "neither k_percent nor affinity, and no communities to find anew"
+        has = f"{slider.parameter} only" if slider else "no slider, and no communities to find anew"
         raise InputError(f"method {simap.method}: expected a map that has {(wrong or ['a merge log'])[0]}, found {has}")
-    value = given.get(slider.parameter)
-    if value is None:
-        return dict(simap.parameters)
-    slider.check(value)
-    return {**simap.parameters, slider.parameter: float(value)}
+    for one in value.values():
+        slider.check(one)
+    return {**simap.parameters, **{name: float(one) for name, one in value.items()}}
 
 
 def _share_views(simap: SIMap, community: NDArray) -> Views:

@@ -15,9 +15,11 @@ from simaps_viz.datasets.open import open_sequence
 from simaps_viz.errors import InputError
 from simaps_viz.mapping import methods
 from simaps_viz.mapping.accumulator import ProjectionSettings
+from simaps_viz.mapping.mending import open_mending
 from simaps_viz.mapping.method import Method
+from simaps_viz.mapping.paper import K_PERCENT, PAPER, Paper
 from simaps_viz.mapping.partition import empty_log
-from simaps_viz.mapping.simap import joining_percent, repartition
+from simaps_viz.mapping.simap import joining_percent, recommunity, repartition
 from simaps_viz.mapping.votes import VoteSettings
 
 CONFIG = BuildConfig(
@@ -135,4 +137,32 @@ def test_a_new_method_is_one_object_and_one_line_of_the_registry(tiny, monkeypat
     save_map(simap, tmp_path / "map.npz")
     assert load_map(tmp_path / "map.npz").instances == simap.instances and joining_percent(simap) == 0.0
     with pytest.raises(InputError, match="method every-class: expected a map that has k_percent"):
+        repartition(simap, k_percent=5.0)
+
+
+class Closeness(Paper):
+    """Method paper, whose slider sets a parameter with a name of its own."""
+
+    slider = replace(K_PERCENT, parameter="closeness")
+
+    def parameters(self, config):
+        kept = PAPER.parameters(config)
+        return {**kept, "closeness": kept.pop("k_percent")}
+
+
+CLOSENESS = Closeness("closeness")
+
+
+def test_a_slider_can_have_a_parameter_of_its_own(tiny, monkeypatch, tmp_path):
+    monkeypatch.setitem(methods.METHODS, "closeness", f"{__name__}:CLOSENESS")
+    simap, paper = (build_map(tiny, BuildConfig(method=name)) for name in ("closeness", "paper"))
+    assert simap.parameters["closeness"] == paper.parameters["k_percent"] == 5.0
+    save_map(simap, tmp_path / "map.npz")
+    mender = open_mending(tmp_path / "map.npz", simap)
+    for k in (0.0, 40.0, 100.0):
+        expected = repartition(paper, k_percent=k).instance
+        assert joining_percent(other := repartition(simap, closeness=k)) == k and (other.instance == expected).all()
+        other = mender.recommunity(simap, resolution=2.0, closeness=k)
+        assert (other.instance == recommunity(paper, resolution=2.0, k_percent=k).instance).all()
+    with pytest.raises(InputError, match="expected a map that has k_percent, found closeness only"):
         repartition(simap, k_percent=5.0)
