@@ -197,6 +197,7 @@ def legend_html(
     if mode == "photo":
         outlined = "; objects are outlined" if colored else ""
         return _box(f"{CHIP_STYLE}<div>as the cameras saw it{outlined}</div>{''.join(rows)}{_unseen(theme)}")
+    rows.insert(0, f"<div>a colour for each {'class' if mode == 'class' else 'object'}, not its real one</div>")
     if mode == "class":
         others = "".join(f'<span class="simaps-entry">{name}</span>' for name in _uncounted(simap, chips))
         said = "not counted, as they have no objects"

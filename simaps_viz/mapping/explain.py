@@ -202,6 +202,13 @@ def weaker_pieces(why: Why) -> bool:
     return why.weakest is not None and any(joint.score < why.weakest.score for joint in why.joints)
 
 
+def weakest_name(why: Why) -> str:
+    """Return what the weakest joint is called beside the scores of others, of which small pieces may have less."""
+    if why.weakest is not None and _smaller(why.weakest) < PIECE * len(why.cells):
+        return "joint of the largest piece"
+    return "weakest of the larger parts" if weaker_pieces(why) else "weakest joint"
+
+
 def _smaller(joint: Joint) -> int:
     """Return the number of cells of the smaller part."""
     return min(joint.source_cells, joint.target_cells)
@@ -610,17 +617,21 @@ def _weakest(why: Why) -> str:
     if why.weakest is None:
         return "It is a single patch that was never joined from parts."
     weakest, method = why.weakest, why.method
+    lowest = min(joint.score for joint in why.joints)
+    lowest = score_text(method, lowest, why.threshold) if weaker_pieces(why) else ""
     if _smaller(weakest) < PIECE * len(why.cells):
-        return f"Nearly all of it is one patch; only pieces of at most {plural(_smaller(weakest), 'cell')} joined it."
+        pieces = f"only pieces of at most {plural(_smaller(weakest), 'cell')} joined it"
+        return f"Nearly all of it is one patch; {pieces}{lowest and f', the least sure with {lowest}'}."
     says = "" if method_of(method).weights_per_frame else " for one object"
     its = "The weakest joint of its larger parts" if weaker_pieces(why) else "Its weakest joint"
     text = f"{its} ({weakest.target_cells} + {plural(weakest.source_cells, 'cell')}) has "
     score, needed = score_text(method, weakest.score, why.threshold), needed_text(method, why.threshold)
     text += f"{score}{says}, above the {needed} needed: "
+    less = lowest and f" Small pieces joined with less, down to {lowest}."
     if len(why.together) == 0:
         alone = "" if method_of(method).weights_per_frame else f", which counts as {score_text(method, weakest.score)}"
-        return f"{text}no frame saw both parts, but they touch{alone}."
-    return f"{text}{together_words(why.together)}.{_pooled(method, weakest)}"
+        return f"{text}no frame saw both parts, but they touch{alone}.{less}"
+    return f"{text}{together_words(why.together)}.{_pooled(method, weakest)}{less}"
 
 
 def _pooled(method: str, evidence: Joint | Link) -> str:

@@ -104,7 +104,7 @@ class Tabs(Generic[S]):
 
 
 RECORDING_WIDTH_PX = 400
-MAP_SHARE = 0.6
+MAP_SHARE = 0.55
 """The share of the page's width that the map keeps while the recorded build is docked beside it."""
 ROOMY_PX, MAX_PX = 1900, 20_000
 """Pages narrower than the first have the recorded build folded up to a strip: the room is for the map."""

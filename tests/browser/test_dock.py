@@ -378,6 +378,8 @@ def test_on_a_phone_it_opens_in_sight_and_a_finger_still_finds_the_page(opened, 
         until(page, lambda: frame.bounding_box() and abs(box(frame)["y"] + box(frame)["height"] - 860) < 3)
         assert box(header)["y"] >= 172 + 100 and box(top)["y"] < 172  # it is in sight, the title is not
         assert box(frame)["height"] > 0.55 * 860
+        back = "(one) => getComputedStyle(one, '::after').content"
+        assert header.evaluate(back) == '"Back to the map"'
 
         def title_is_back() -> bool:  # a busy browser may take a swipe for less than it is: swipe until it is in sight
             swipe(min(box(header)["y"] - 60, 840), 250)
@@ -387,6 +389,7 @@ def test_on_a_phone_it_opens_in_sight_and_a_finger_still_finds_the_page(opened, 
         page.get_by_role("tab", name="Map", exact=True).tap()
         expect(page.get_by_label("Colours").and_(page.locator("input"))).to_be_visible()
         expect(header).to_have_attribute("aria-expanded", "false")  # the map has its place again
+        assert header.evaluate(back) == "none"
         mine(opened.bench).unfold_recording()  # as Show frame does
         expect(header).to_have_attribute("aria-expanded", "true")
         page.get_by_role("tab", name="Build", exact=True).tap()

@@ -94,9 +94,16 @@ def test_a_frame_button_moves_the_frame(bench, page):
     choose_chair_1(bench, page)
     expect(page.get_by_text("Its best views, the object's mask outlined.")).to_be_attached()
     page.get_by_role("button", name="3", exact=True).click()
-    until(page, lambda: mine(bench).frame == 3)
+    session = mine(bench)
+    until(page, lambda: session.frame == 3)
     page.get_by_role("tab", name="Build", exact=True).click()
     expect(field_of(page, "Frame")).to_have_value("3")
+    session.select(TABLE)  # that frame was one of the chair
+    until(page, lambda: session.at_end)
+    expect(field_of(page, "Frame")).to_have_value("4")
+    session.show_frame(3)  # one that was gone to otherwise stays
+    session.select(CHAIR_1)
+    assert session.wait_idle() and session.frame == 3
 
 
 def test_two_clicks_compare_two_objects(bench, page):

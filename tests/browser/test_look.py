@@ -115,6 +115,18 @@ def test_a_typed_number_counts_at_enter_or_after_a_pause_and_not_at_each_digit(b
         assert set(seen) == {float(texts[-1])} and mine(bench).cut.percent == seen[0]
 
 
+def test_a_number_that_is_being_typed_outlives_one_that_is_set_meanwhile(bench, page):
+    panel, field = mine(bench).panels[MapPanel], field_of(page, "K (%)")
+    field.press("Control+a")
+    page.keyboard.type("8")
+    panel._k.value = 7.0  # as the map of another method does that comes now
+    page.wait_for_timeout(300)
+    page.keyboard.type("0")
+    page.keyboard.press("Enter")
+    until(page, lambda: mine(bench).cut.percent == 80.0)
+    expect(field).to_have_value("80")
+
+
 def test_the_help_lists_every_key_and_closes(page):
     press(page, "?")
     title = page.get_by_text("How to use this page")

@@ -122,6 +122,7 @@ def test_an_arrow_as_large_at_every_zoom_shows_where_the_robot_looks(bench, page
             return long >= 18 and away @ ahead > 14 and abs(away @ ahead[::-1]) < 3
 
         until(page, seen)
+    assert page.evaluate("() => Object.keys(window.__viserMutable.nodeRefFromName).includes('/robot/nose')") is False
 
 
 def test_names_come_with_the_zoom_large_objects_first_and_never_cover_one_another(bench, page):

@@ -230,6 +230,10 @@ def test_on_a_phone_fingers_find_buttons_and_thumbs_and_a_tap_beside_objects_is_
         for what, least in ((".mantine-Button-root", 28), (".simaps-class, .simaps-fade", 28), ("[role=slider]", 18)):
             heights = page.evaluate(HEIGHTS, what)
             assert heights and min(heights) >= least, what
+        page.get_by_role("button", name="Help", exact=True).tap()
+        high = [page.get_by_text(one, exact=True).bounding_box()["y"] for one in ("Fingers", "Point", "Click")]  # pyright: ignore[reportOptionalSubscript]
+        assert high == sorted(high)  # what a finger does comes first
+        page.get_by_role("button", name="Close", exact=True).tap()
         session, chair = mine(bench), bench.simap.of_class("chair")[0]
         page.locator("textarea[aria-label=Find]").fill(f"{chair.name}\n")
         until(page, lambda: session.selected == chair.id)

@@ -187,6 +187,7 @@ def test_two_people_select_cut_and_command_at_once(bench, pages):
     for one_page in (page, other):
         expect(one_page.get_by_text("Done", exact=True)).to_be_visible()
     expect(page.get_by_text("To the couch, ")).to_be_visible()
+    other.get_by_text("Program", exact=True).click()
     expect(other.get_by_text("robot.turn(-90)")).to_be_visible()
     expect(field_of(page, "Command")).to_have_value("go to the couch")
     expect(field_of(other, "Command")).to_have_value("turn left")

@@ -171,6 +171,7 @@ def test_legend_escapes_names_and_holds_every_colour(simap):
     html = legend.legend_html(simap, "instance")
     assert all(f"rgb{instance_color(i.id)}" in html for i in simap.instances)
     assert f"rgb{class_color('chair')}" in legend.legend_html(simap, "class")
+    assert "not its real one" in html and "not its real one" not in legend.legend_html(simap, "photo")
     assert "2 m" in legend.legend_html(simap, "height") and "5 frames" in legend.legend_html(simap, "observations")
 
 

@@ -22,6 +22,7 @@ from simaps_viz.mapping.explain import (
     recorded_step,
     score_text,
     summary,
+    weakest_name,
     weakest_of,
 )
 from simaps_viz.mapping.partition import applied_steps
@@ -115,8 +116,12 @@ def test_the_weakest_joint_is_one_of_large_parts_if_there_are_any():
     crumb, crust, half = (replace(whole, source_cells=n, score=s) for n, s in ((1, 0.61), (2, 0.7), (20, 0.8)))
     assert weakest_of((crumb, half, crust), 64) is half
     assert weakest_of((crumb, crust), 64) is crust and weakest_of((), 64) is None
-    why = replace(explain(toy_map(), CHAIR_1), weakest=crust)
+    why = replace(explain(toy_map(), CHAIR_1), joints=(crust,), weakest=crust)
     assert summary(why).endswith(" Nearly all of it is one patch; only pieces of at most 2 cells joined it.")
+    assert weakest_name(why) == "joint of the largest piece"
+    assert summary(replace(why, joints=(crumb, crust))).endswith(
+        " only pieces of at most 2 cells joined it, the least sure with 61.0 %."
+    )
 
 
 def test_small_pieces_that_joined_with_less_are_not_passed_over_in_silence():
@@ -125,6 +130,8 @@ def test_small_pieces_that_joined_with_less_are_not_passed_over_in_silence():
     assert " Its weakest joint (" in summary(why)
     below = replace(why, joints=(replace(whole, source_cells=1, score=whole.score / 2.0), whole))
     assert " The weakest joint of its larger parts (" in summary(below)
+    assert summary(below).endswith(" Small pieces joined with less, down to 12.5 %.") and "pieces" not in summary(why)
+    assert (weakest_name(why), weakest_name(below)) == ("weakest joint", "weakest of the larger parts")
     frame = next(one for one in why.frames if one.as_one)
     split = replace(why, frames=(replace(frame, segments=(1, 2)),))
     assert summary(split).startswith("One object because the 1 frame that saw it shows most of it as one.")

@@ -69,16 +69,20 @@ def test_why_this_one_is_said_with_the_distances_of_the_others():
     # chair 4 at (3.625, -0.425).
     one, two, three = np.hypot(0.575, 1.225), np.hypot(0.525, 1.125), np.hypot(3.125, 0.925)
     assert why("go to the third chair") == (
-        f"Chair 4 is the farthest of 3 from where the command was given: {three:.2f} m in a straight line; "
-        f"chairs 3 and 1 are at {min(one, two):.2f} and {max(one, two):.2f} m."
+        f"Chair 4 is the farthest of 3 from where the command was given: {three:.2f} m in a straight line to its edge, "
+        f"before which the path ends; chairs 3 and 1 are at {min(one, two):.2f} and {max(one, two):.2f} m."
     )
     assert why("go to the second chair") == (
-        f"Chair 1 is the second closest to where the command was given: {max(one, two):.2f} m in a straight line; "
-        f"chair 3 is at {min(one, two):.2f} m."
+        f"Chair 1 is the second closest to where the command was given: {max(one, two):.2f} m in a straight line to "
+        f"its edge, before which the path ends; chair 3 is at {min(one, two):.2f} m."
     )
     assert why("go to the chair") == (
-        f"Chair 3 is the closest to where the command was given: {min(one, two):.2f} m in a straight line; "
-        f"the next, chair 1, is at {max(one, two):.2f} m."
+        f"Chair 3 is the closest to where the command was given: {min(one, two):.2f} m in a straight line to its edge, "
+        f"before which the path ends; the next, chair 1, is at {max(one, two):.2f} m."
+    )
+    round_about = replace(answer(toy_map(), "go to the chair", TOY_POSE), path_length_m=9.0)
+    assert "in a straight line to its edge; the next" in why_text(
+        round_about, Grounding(toy_map(), TOY_POSE).candidates("chair")
     )
     assert why("go to the couch").startswith("Couch 5 is the only couch on this map, ")
     by_hand = why("robot.move_to_object(first(order(things('chair'), 'left')))")
@@ -214,7 +218,7 @@ def test_what_another_class_was_looked_up_by_is_not_taken_for_the_reason():
     program = 'robot.move_to_object("chair", robot.closest_to("chair", robot.closest_to("tv", "couch")))'
     said = toy_answer(program=program, goals=(Goal("move_to_object", "chair", 1, (0.0, 0.0)),))
     text = why_text(said, Grounding(toy_map(), TOY_POSE).candidates("chair"))
-    assert "couch." not in text and text.endswith(f"It was chosen by: {program}")
+    assert "couch" not in text and "robot." not in text and text.endswith("It was chosen by the program below.")
 
 
 def test_outcome_text_names_both_things_it_goes_between():

@@ -118,8 +118,14 @@ def test_the_list_marks_where_errors_end_and_what_a_slider_has_to_do_with_one(mo
         assert len(errors_of) < len(panel._entries)
         for one in panel._entries:
             assert one.title.endswith(", by K 0 %") == one.wrong and ("merged ·" in one.more) == one.wrong
+            # An error counts what is large enough to be one, the slider all that it changed.
+            assert (
+                one.more.endswith("What K 0 % changed here, small pieces too: merged · chairs 1 + 2 → 1.") == one.wrong
+            )
         before = [row for row in panel._rows if row.visible and row.order < panel._end.order]
         assert panel._end.visible and len(before) == len(errors_of)
+        every, wrong = len(panel._entries), len(errors_of)
+        assert f"1 to {every} of {every}: {wrong} error, and {every - wrong} that is none." in panel._more.content
     finally:
         server.stop()
 

@@ -23,6 +23,7 @@ from simaps_viz.viewer.scene.annotations import (
     Label,
     Texts,
     Zoom,
+    label_of,
     line_share,
     seen_metres_per_px,
 )
@@ -158,14 +159,16 @@ def test_the_outline_is_thin_where_the_object_is_small(server, monkeypatch):
     assert thick > 2 * OUTLINE_PX * MIN_LINE_SHARE
 
 
-def test_the_strongest_links_are_named_on_the_neighbour(server):
+def test_the_strongest_links_are_named_beside_the_neighbour_which_stays_in_sight(server):
     simap = toy_map()
     why = explain(simap, CHAIR_1)
     marks = Marks(simap, why)
     named = link_label(marks, why.neighbours[0])
     other = why.neighbours[0].other
     assert named.text == "chair 3 · K 1.6 %"
-    assert (named.x, named.y) == pytest.approx(other.centroid_m[:2]) and named.reach_x == named.reach_y == 0.0
+    assert named._replace(away_x=0.0, away_y=0.0) == label_of(named.text, other)._replace(id=0) and named.reach_x > 0.0
+    (x0, y0), (x1, y1) = why.neighbours[0].ends_m
+    assert (named.away_x, named.away_y) == (x1 - x0, y1 - y0)  # not where the link is
     large = replace(other, aabb_m=((1.0, 0.0, 0.0), (9.0, 1.0, 1.0)))
     long = SimpleNamespace(other=large, ends_m=((0.0, 0.5), (1.0, 0.5)), score=0.1)
     at_end = link_label(marks, cast(Any, long))

@@ -53,6 +53,10 @@ def test_scores_are_bars_against_the_threshold_and_steps_are_told_in_words():
     assert re.findall(r"auto -.2em ([\d.]+)%", html) == ["20.0", "20.0"]
     assert html.index("One object above K = 5 %") < html.index("weakest joint") < html.index("chair 3")
     assert joint_name(why, 1) == f"Step 1 of {len(why.joints)}: 32 and 32 cells, 25.0 %, weakest"
+    less = replace(why.joints[0], source_cells=1, score=0.1)  # a small piece, in the list of steps
+    why = replace(why, joints=(less, *why.joints))
+    assert "weakest of the larger parts</div>" in lines_legend(simap, why) and "weakest" not in joint_name(why, 1)
+    assert joint_name(why, 2).endswith(", weakest of the larger parts")
 
 
 def test_the_words_of_the_section_are_explained_those_of_the_method_alone():

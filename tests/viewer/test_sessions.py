@@ -6,6 +6,8 @@ import threading
 import time
 import weakref
 from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -25,7 +27,7 @@ from simaps_viz.viewer.page.panel import Panel, PanelSpec
 from simaps_viz.viewer.panels.build import BuildPanel
 from simaps_viz.viewer.panels.command import CommandPanel
 from simaps_viz.viewer.panels.map import MapPanel
-from simaps_viz.viewer.scene.camera import SLANT
+from simaps_viz.viewer.scene.camera import PANEL_WIDTH_PX, SLANT
 from simaps_viz.viewer.server.host import Host
 
 pytestmark = pytest.mark.slow
@@ -498,3 +500,14 @@ def test_a_click_beside_an_object_or_in_a_hole_of_it_takes_the_nearest_one_a_han
         assert instance[tuple(found)] > 0 and ((found - here) ** 2).sum() == away.min()
         taken += 1
     assert taken > 10
+
+
+def test_the_recorded_build_is_as_wide_as_it_needs_where_there_is_room_and_the_map_has_most():
+    widths, unfolded = [], []
+    layout = object.__new__(viewer_session.Layout)
+    layout._recording = cast(Any, SimpleNamespace(set_width=widths.append, expand=lambda: unfolded.append(True)))
+    layout._page = cast(Any, SimpleNamespace(viewpoints=SimpleNamespace(settle=lambda width, height: None)))
+    for page_px in (1280, 1920, 2140, 3840):
+        layout.settle(page_px, 1080)
+    assert widths == [viewer_session.RECORDING_WIDTH_PX] * 3 == [400] * 3 and len(unfolded) == 3
+    assert 1920 - widths[0] - PANEL_WIDTH_PX > 0.5 * 1920

@@ -111,8 +111,10 @@ def why_text(answer: Answer, candidates: Sequence[Candidate], there: str = GIVEN
         place = f"the {nth}closest {words} to" if words else f"the {nth}closest to"
         if one.rank == len(candidates) > 2 and not words:
             place = f"the farthest of {len(candidates)} from"
-        text = f"{name} is {place} {there}: {away} in a straight line; {_others(one, candidates)}"
-        text = " ".join([text, *([] if words else _choice(answer))])
+        short = ", before which the path ends" if 0.0 < answer.path_length_m < one.distance_m else ""
+        text = f"{name} is {place} {there}: {away} in a straight line to its edge{short}; {_others(one, candidates)}"
+        if not words and _CHOOSES.search(answer.program or ""):
+            text += " It was chosen by the program below."
     return text
 
 
@@ -365,12 +367,6 @@ def _listed(candidates: Sequence[Candidate], label: str) -> str:
     if len(numbers) > 2 * _MAX_LISTED:
         return plural(len(numbers), label)
     return f"{_plural(label)} {', '.join(numbers[:-1])} and {numbers[-1]}"
-
-
-def _choice(answer: Answer) -> list[str]:
-    """Describe how the program chose, if not by distance alone or in words."""
-    lines = [line.strip() for line in (answer.program or "").splitlines() if _CHOOSES.search(line)]
-    return [f"It was chosen by: {lines[-1]}"] if lines else []
 
 
 def _box(title: str, text: str, paper: str) -> str:
@@ -646,7 +642,7 @@ class CommandPanel(Panel):
         self._start, self._past = state.start, list(state.past)
         self._text.value, self._result.content, self._program.content = state.texts
         self._sent = state.texts[0].strip()
-        self._program.visible = bool(state.texts[2])
+        self._fold.visible = self._program.visible = bool(state.texts[2])
         self._speed.value = self._drive.speed = state.speed
         self._height.value = state.height_m
         self._set_height()
@@ -1117,7 +1113,7 @@ class CommandPanel(Panel):
     def _show_program(self, program: str, line: int | None = None, *, stuck: bool = False) -> None:
         """Show the program; the given line (from 1) is marked as the current one, or as where it got stuck."""
         self._program.content = program_html(program, line, stuck=stuck)
-        self._program.visible = bool(program)
+        self._fold.visible = self._program.visible = bool(program)
 
     def _show_other_reading(self, program: str | None) -> None:
         """Offer to run another meaning of the command; None hides the offer."""
@@ -1177,7 +1173,9 @@ class CommandPanel(Panel):
         self._instead: tuple[str, ...] = ()
         tries = [functools.partial(self._try_instead, i) for i in range(MAX_SUGGESTIONS)]
         self._suggested = [button(gui, "", do, icon=viser.Icon.ARROW_RIGHT, visible=False) for do in tries]
-        self._program = gui.add_html("", visible=False)
+        self._fold = gui.add_folder("Program", expand_by_default=False, visible=False)
+        with self._fold:
+            self._program = gui.add_html("", visible=False)
         self._other = gui.add_folder("The command could also mean", visible=False)
         with self._other:
             icon = viser.Icon.ARROWS_EXCHANGE

@@ -145,7 +145,11 @@ class ErrorsPanel(Panel):
         cut, text = self._page.panels[MapPanel].change_of(item.left)
         if not cut:
             return entry
-        return replace(entry, title=f"{entry.title}, by {cut}", more=f"{entry.more} By {cut}: {text}.")
+        return replace(
+            entry,
+            title=f"{entry.title}, by {cut}",
+            more=f"{entry.more} What {cut} changed here, small pieces too: {text}.",
+        )
 
     def _report(self, what: str, done: int, total: int) -> None:
         self._about.content = small_html(f"Looking for the truth: {what}, {done / max(total, 1):.0%} …")
@@ -163,8 +167,14 @@ class ErrorsPanel(Panel):
             self._end.order = self._rows[right].order - 0.5
         self._pages.visible = len(self._entries) > LISTED
         chosen = self._entries[self._chosen].more if self._chosen >= 0 else ""
-        listed = f"{self._first + 1} to {self._first + len(shown)} of {len(self._entries)}." if shown else ""
+        listed = f"{self._first + 1} to {self._first + len(shown)} of {self._all()}." if shown else ""
         self._more.content = (small_html(chosen) if chosen else "") + remark_html(listed)
+
+    def _all(self) -> str:
+        """Return how many entries there are, and how many of them are errors: "93: 1 error, and 92 that are none"."""
+        every, wrong = len(self._entries), sum(one.wrong for one in self._entries)
+        errors = f": {plural(wrong, 'error')}, and {every - wrong} that {'are' if every - wrong > 1 else 'is'} none"
+        return f"{every}{errors if self._which.value == ERRORS and wrong < every else ''}"
 
     def _turn(self, step: int) -> None:
         last = max(0, (len(self._entries) - 1) // LISTED * LISTED)

@@ -52,11 +52,14 @@ def help_html(keys: Sequence[tuple[str, str]], tabs: Sequence[tuple[str, str]] =
 
 
 def _row(left: str, right: str, *, key: bool) -> str:
-    tag = "kbd" if key else "span"
+    tag, first = "kbd" if key else "span", f' class="simaps-{left.lower()}"' * (left == "Fingers")
     frame = (
         "border:1px solid currentColor;border-radius:4px;padding:0 .45em;font-size:.95em" if key else "font-weight:550"
     )
-    return f'<div><{tag} style="{frame}">{escape(left)}</{tag}></div><div style="{DIM_STYLE}">{escape(right)}</div>'
+    return (
+        f'<div{first}><{tag} style="{frame}">{escape(left)}</{tag}></div>'
+        f'<div{first} style="{DIM_STYLE}">{escape(right)}</div>'
+    )
 
 
 VISITING = "You are visiting: look, ask and simulate as you like. Nothing can be changed from this page."

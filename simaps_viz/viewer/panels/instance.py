@@ -229,6 +229,8 @@ class FrameGallery:
         self._page = page
         self._picture = page.gui.add_image(np.full((2, 2, 3), 255, np.uint8), visible=False)
         self._frames: dict[str, int] = {}
+        self._went: tuple[int | None, int] | None = None
+        """The object, and the frame, that a button has gone to."""
         hint = "Go to that frame of the build."
         self._jump = page.gui.add_button_group("Show frame", ("-",), visible=False, hint=hint)
         self._jump.on_click(lambda event: self._go(str(event.target.value)))
@@ -244,13 +246,19 @@ class FrameGallery:
         self._jump.visible = bool(frames)
 
     def hide(self) -> None:
-        """Hide pictures and buttons."""
+        """Hide pictures and buttons; a frame that was shown of another object than the selected one is left."""
         self._picture.visible = self._jump.visible = False
+        went, page = self._went, self._page
+        if went is not None and went[0] != page.selected:
+            self._went = None
+            if page.frame == went[1]:
+                page.finish()
 
     def _go(self, name: str) -> None:
         if name in self._frames:
             self._page.unfold_recording()
             self._page.show_frame(self._frames[name])
+            self._went = self._page.selected, self._page.frame
 
 
 class InstancePanel(Panel):

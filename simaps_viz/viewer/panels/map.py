@@ -53,7 +53,7 @@ DOUBTFUL_HINT = "What has less is doubtful: faint and not counted. Commands and 
 MapState = tuple[ColorMode, int, str | None, bool, tuple[int, float, int], Cut | None]
 GROUND_ID = 1 << 23
 """Ids of objects are less, in what the page's script is sent."""
-ABOUT = "What a camera with depth saw. Point at a thing to see its name, click or tap it to ask why."
+ABOUT = "What a camera with depth saw. Tap or click a thing to ask what it is, and why."
 LEGEND_STYLE = "border-block:1px solid rgba(128,128,128,.25);margin-bottom:.4em"
 """Inline style of the legend."""
 

@@ -25,7 +25,7 @@ from simaps_viz.mapping.explain import (
     needed_text,
     score_text,
     summary,
-    weaker_pieces,
+    weakest_name,
 )
 from simaps_viz.mapping.mending import edits_of
 from simaps_viz.mapping.methods import method_of
@@ -77,7 +77,7 @@ def sureness_legend(why: Why) -> str:
 
 def lines_legend(simap: SIMap, why: Why) -> str:
     """Explain the lines on the map: how strong the weakest joint and the neighbours' links are, and what is needed."""
-    bars = [] if why.weakest is None else [("weakest joint", why.weakest.score, CUT)]
+    bars = [] if why.weakest is None else [(weakest_name(why), why.weakest.score, CUT)]
     drawn = drawn_links(why)
     if method_of(why.method).slider is None:
         return f'<div style="{SMALL_STYLE}">{_stroke(LINK)}neighbours, with their distance</div>' if drawn else ""
@@ -92,7 +92,7 @@ def bars_html(why: Why, bars: Sequence[tuple[str, float, Color]]) -> str:
     most = max(1.0 if why.threshold > 0.25 else 2.0 * why.threshold, *(score for _, score, _ in bars), 1e-9)
     at = 100.0 * why.threshold / most
     rows = "".join(
-        f'<div style="overflow:hidden;text-overflow:ellipsis;white-space:nowrap">{escape(name)}</div>'
+        f'<div style="overflow-wrap:anywhere">{escape(name)}</div>'
         '<div style="position:relative;height:.75em;align-self:center;background:rgba(128,128,128,.2)">'
         f'<div style="height:100%;width:{100.0 * min(score / most, 1.0):.1f}%;background:rgb{color}"></div>'
         f'<div style="position:absolute;inset:-.2em auto -.2em {at:.1f}%;border-left:2px solid currentColor"></div>'
@@ -119,8 +119,7 @@ def joint_html(why: Why, joint: Joint, position: int, recorded: bool | None) -> 
 def joint_name(why: Why, position: int) -> str:
     """Name a step on a button: "Step 12 of 40: 30 and 14 cells, 83 %"; ``position`` counts from 1."""
     joint = why.joints[position - 1]
-    weakest = ", weakest of the larger parts" if weaker_pieces(why) else ", weakest"
-    weakest = weakest if joint is why.weakest else ""
+    weakest = f", {weakest_name(why).removesuffix(' joint')}" if joint is why.weakest else ""
     parts = f"{joint.target_cells} and {plural(joint.source_cells, 'cell')}"
     return (
         f"Step {position} of {len(why.joints)}: {parts}, {score_text(why.method, joint.score, why.threshold)}{weakest}"

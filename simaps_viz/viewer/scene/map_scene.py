@@ -401,6 +401,8 @@ class MapScene:
             position=(0.0, 0.0, ROBOT_HEIGHT_M / 2.0),
             **NO_SHADOWS,
         )
+        if isinstance(self._page, viser.ClientHandle):  # its script draws an arrow, as large at every zoom
+            return robot
         tip, wing, z = 0.85 * ROBOT_RADIUS_M, 0.55 * ROBOT_RADIUS_M, ROBOT_HEIGHT_M + 0.01
         arrow = np.array([[tip, 0, z], [-wing, wing * 1.1, z], [-0.3 * wing, 0, z], [-wing, -wing * 1.1, z]])
         self._scene.add_mesh_simple(

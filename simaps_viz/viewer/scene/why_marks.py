@@ -13,7 +13,7 @@ from simaps_viz.drawing.texture import outline_segments
 from simaps_viz.mapping.explain import Joint, Link, Why, score_text
 from simaps_viz.mapping.methods import method_of
 from simaps_viz.structures import SIMap
-from simaps_viz.viewer.scene.annotations import Label, Texts, Zoom, draw_lines, line_share
+from simaps_viz.viewer.scene.annotations import Label, Texts, Zoom, draw_lines, label_of, line_share
 
 CUT: Color = (0, 128, 80)
 """The weakest joint: it held, so no colour of alarm."""
@@ -170,13 +170,13 @@ class WhyMarks:
 
 
 def link_label(marks: Marks, link: Link) -> Label:
-    """Name a neighbour and its link's number, on the neighbour: "chair 6 · evidence 12 %"."""
+    """Name a neighbour and its link's number, next to the neighbour: "chair 6 · evidence 12 %"."""
     text = f"{link.other.name} · {link_text(marks.why, link)}"
     (x0, y0), (x1, y1) = link.ends_m
     (xmin, ymin, _), (xmax, ymax, _) = link.other.aabb_m
     if max(xmax - xmin, ymax - ymin) > SMALL_M:
         return Label(text, x1, y1, away_x=x1 - x0, away_y=y1 - y0)
-    return Label(text, *link.other.centroid_m[:2])
+    return label_of(text, link.other)._replace(away_x=x1 - x0, away_y=y1 - y0, id=0)
 
 
 def _links_of(marks: Marks) -> tuple[Link, ...]:

@@ -58,13 +58,17 @@
   }, { capture: true, passive: true });
   // A typed number counts at Enter, on leaving its field, or after a pause: who types 90 does not mean 9 first.
   const TYPED_MS = 700;
-  let typed = null, counting = 0, counts = false;
+  let typed = null, text = '', counting = 0, counts = false;
+  const rewrite = (field) => {  // a field that is drawn anew meanwhile has its old number again
+    if (field.value !== text) Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, 'value').set.call(field, text);
+  };
   const count = () => {
     clearTimeout(counting);
     const field = typed;
     typed = null;
     if (!field) return;
     counts = true;
+    rewrite(field);
     field.dispatchEvent(new InputEvent('input', { bubbles: true }));
     counts = false;
   };
@@ -72,10 +76,11 @@
     if (counts || !event.target.matches('.mantine-NumberInput-input')) return;
     event.stopImmediatePropagation();
     if (typed !== event.target) count();
-    typed = event.target;
+    [typed, text] = [event.target, event.target.value];
     clearTimeout(counting);
     counting = setTimeout(count, TYPED_MS);
   }, true);
+  window.addEventListener('beforeinput', (event) => { if (event.target === typed) rewrite(typed); }, true);
   window.addEventListener('keydown', (event) => { if (['Enter', 'ArrowUp', 'ArrowDown'].includes(event.key)) count(); }, true);
   window.addEventListener('focusout', count, true);
 
