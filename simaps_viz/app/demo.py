@@ -65,10 +65,9 @@ class FramesState:
 def serve_shipped(simap: SIMap, *, port: int, access: Access, browser: bool, llm: str | None) -> None:
     """Serve the page of the shipped map until Ctrl-C; panels that need the frames are added once these are rendered."""
     frames, recording = DemoFrames(), SHIPPED_MAP.with_suffix(".rrd")
-    panels = workbench.panels_of(simap, None, frames=False, truth=workbench.truth_beside(SHIPPED_MAP))
     services = replace(
         workbench.services_of(simap, recording, lambda: frames.mending),
-        panels=(frames.panel(), *panels),
+        panels=(frames.panel(), *frames.first),
         model=workbench.language_model(llm),
         look_back=workbench.look_back(lambda: frames.map_path),
     )
@@ -107,6 +106,9 @@ class DemoFrames:
         """The edits of the map, once its file is there."""
         self.map_path: Path | None = None
         """The map file; its history is stored next to it."""
+        self._maps = workbench.maps_of(workbench.truth_beside(SHIPPED_MAP))
+        self.first = workbench.panels_without_frames(self._maps)
+        """The panels that the page has while the frames are rendered, beside how far that is."""
 
     def state(self) -> FramesState:
         """Return how far it is."""
@@ -134,7 +136,7 @@ class DemoFrames:
             simap, recording = workbench.cached_build(open_sequence(manifest), SHIPPED_METHOD, BuildConfig(), progress)
             self.map_path = recording.with_suffix(".npz")
             self.mending = open_mending(self.map_path, simap)
-            panels = workbench.panels_of(simap, self.mending, truth=workbench.truth_beside(SHIPPED_MAP))
+            panels = workbench.panels_of(simap, self.mending, self._maps, self.first)
             # The recording that is docked shows the same build, so it stays.
             page.finish(self.mending.simap(), panels)
             self._state = replace(self._state, status="done")

@@ -399,7 +399,7 @@ class _LivePage:
         except InputError as fault:  # edits of an earlier build: this one is there nevertheless
             self.faults.append(str(fault))
         recorded = self._record if self._record is not None and self._record.is_file() else None
-        panels = [*filter(None, [self._progress]), *workbench.panels_of(simap, self.mending)]
+        panels = [*filter(None, [self._progress]), *workbench.panels_of(simap, self.mending, workbench.maps_of())]
         self._opened.finish(simap if self.mending is None else self.mending.simap(), panels, recorded)
         if not self._ended:
             stream.finish()

@@ -36,6 +36,7 @@ from simaps_viz.structures import Pose2, SIMap
 
 if TYPE_CHECKING:
     from simaps_viz.evaluation.judging import JudgingSession
+    from simaps_viz.evaluation.two_maps import MapMaker
     from simaps_viz.viewer.page.panel import PanelSpec
     from simaps_viz.viewer.page.shared import LanguageModel, Services
     from simaps_viz.viewer.server.access import Access
@@ -97,7 +98,7 @@ def open_workbench(
     path = recording if map_path is None else map_path
     services = replace(
         services_of(simap, recording, lambda: mending),
-        panels=panels_of(simap, mending, truth=None if path is None else truth_beside(path)),
+        panels=panels_of(simap, mending, maps_of(None if path is None else truth_beside(path))),
         model=language_model(llm),
         judging=judging,
         look_back=look_back(lambda: path),
@@ -195,31 +196,42 @@ def truth_beside(path: Path) -> Path:
     return path.with_name(f"{path.stem}-truth.npz")
 
 
+def maps_of(truth: Path | None = None) -> "MapMaker":
+    """Return what makes the maps that a page compares; `panels_of` tells it the frames. ``truth``: a map file."""
+    from simaps_viz.evaluation.two_maps import MapMaker  # noqa: PLC0415 - only needed by the page
+
+    return MapMaker(None, cache_folder(), truth)
+
+
 def panels_of(
-    simap: SIMap, mending: Mending | None, *, frames: bool = True, truth: Path | None = None
+    simap: SIMap, mending: Mending | None, maps: "MapMaker", first: "tuple[PanelSpec, ...] | None" = None
 ) -> "tuple[PanelSpec, ...]":
     """Return the panels of a page in addition to those that every page has.
 
     Args:
         simap: the map.
         mending: its edits.
-        frames: whether to have the panels that need the frames: comparison and masks.
-        truth: a map file that holds the truth; there may be none.
+        maps: makes the maps to compare with.
+        first: the `panels_without_frames` that the page has already.
     """
     from simaps_viz.app.masks import segmentation_services  # noqa: PLC0415 - viser is slow to import
-    from simaps_viz.evaluation.two_maps import MapMaker  # noqa: PLC0415 - only needed by the page
-    from simaps_viz.recorder.library import RecordingLibrary  # noqa: PLC0415 - rerun is slow to import
     from simaps_viz.viewer.panels.compare import compare_panel, method_panel  # noqa: PLC0415 - as above
-    from simaps_viz.viewer.panels.errors import errors_panel  # noqa: PLC0415 - as above
     from simaps_viz.viewer.panels.masks import masks_panel  # noqa: PLC0415 - as above
+
+    maps.sequence = sequence_of(simap)
+    masks = masks_panel(segmentation_services(simap, cache_folder()))
+    first = first or panels_without_frames(maps)
+    return *first, method_panel(maps), compare_panel(maps), masks, *mending_panels(mending)
+
+
+def panels_without_frames(maps: "MapMaker") -> "tuple[PanelSpec, ...]":
+    """Return those of the panels that need no frames; a page has them before the others."""
+    from simaps_viz.recorder.library import RecordingLibrary  # noqa: PLC0415 - rerun is slow to import
+    from simaps_viz.viewer.panels.errors import errors_panel  # noqa: PLC0415 - viser is slow to import
     from simaps_viz.viewer.panels.recordings import recordings_panel  # noqa: PLC0415 - as above
     from simaps_viz.viewer.panels.share import SHARE  # noqa: PLC0415 - as above
 
-    maker = MapMaker(sequence_of(simap) if frames else None, cache_folder(), truth)
-    of_frames = ()
-    if frames:
-        of_frames = method_panel(maker), compare_panel(maker), masks_panel(segmentation_services(simap, cache_folder()))
-    return errors_panel(maker), *of_frames, *mending_panels(mending), SHARE, recordings_panel(RecordingLibrary())
+    return errors_panel(maps), SHARE, recordings_panel(RecordingLibrary())
 
 
 def mending_panels(mending: Mending | None) -> "tuple[PanelSpec, ...]":

@@ -446,7 +446,8 @@ class MapMaker:
 
     def __init__(self, sequence: FrameSource | None, folder: Path, truth: Path | None = None) -> None:
         """Take the sequence, the folder in which maps are kept, and where a map file may hold the truth."""
-        self._sequence, self._folder = sequence, folder
+        self._folder, self.sequence = folder, sequence
+        """None as long as its frames are not there."""
         self._truth = truth if truth is not None and truth.is_file() else None
         self._made: dict[Path, SIMap] = {}
         self._in_space: dict[Path, SpaceTruth] = {}
@@ -458,9 +459,9 @@ class MapMaker:
 
     def sources(self, simap: SIMap) -> tuple[Source, ...]:
         """Return the maps that ``make`` can make for a map; without a sequence none but a truth that is a file."""
-        known = self.has_truth or (self._sequence is not None and exact_of(self._sequence) is not None)
+        known = self.has_truth or (self.sequence is not None and exact_of(self.sequence) is not None)
         truth = (Source(TRUTH, "Ground truth"),) if known else ()
-        if self._sequence is None:
+        if self.sequence is None:
             return truth
         others = (name for name in METHOD_NAMES if name != simap.method)
         return *truth, *(Source(name, _BASELINES.get(name, f"Method {name}")) for name in others)
@@ -476,7 +477,7 @@ class MapMaker:
         Raises:
             InputError: there is no sequence, or no truth, or it cannot be read.
         """
-        sequence = self._sequence
+        sequence = self.sequence
         if key == TRUTH and self._truth is not None:
             kept = self._truth
         elif sequence is None:
@@ -489,7 +490,7 @@ class MapMaker:
 
     def truth_in_space(self, simap: SIMap, tell: Progress) -> SpaceTruth:
         """Return the true objects in space for a map; arguments and errors as of `make`."""
-        exact = None if self._sequence is None else exact_of(self._sequence)
+        exact = None if self.sequence is None else exact_of(self.sequence)
         if exact is None:
             raise InputError("comparison: expected the sequence the map was built from, with exact ids, found none")
         kept = self._kept(TRUTH, simap, exact)
@@ -506,7 +507,7 @@ class MapMaker:
         return score_space(space_points(simap), simap.grid.labels, truth)
 
     def _build(self, key: str, simap: SIMap, tell: Progress, kept: Path) -> SIMap:
-        sequence = self._sequence
+        sequence = self.sequence
         assert sequence is not None
         if key == TRUTH:
             exact = exact_of(sequence)

@@ -8,7 +8,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from simaps_viz.app import demo
+from simaps_viz import load_map
+from simaps_viz.app import demo, workbench
 from simaps_viz.app.demo import SHIPPED_MAP, DemoFrames, FramesState, shipped_demo, state_in_words
 from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.cli.main import main
@@ -113,6 +114,15 @@ def test_a_failure_is_reported_on_the_page(monkeypatch, error, words):
     frames.start(SimpleNamespace())  # pyright: ignore[reportArgumentType] - never reached
     frames.stop()
     assert state_in_words(frames.state()) == words
+
+
+def test_the_page_keeps_its_first_panels_when_the_frames_are_there_and_has_the_order_it_has_later():
+    maps, simap = workbench.maps_of(), load_map(SHIPPED_MAP)
+    first = workbench.panels_without_frames(maps)
+    finished = workbench.panels_of(simap, None, maps, first)
+    assert finished[: len(first)] == first
+    later = workbench.panels_of(simap, None, workbench.maps_of())
+    assert [one.title for one in finished] == [one.title for one in later]
 
 
 def test_stages_without_steps_have_no_numbers():

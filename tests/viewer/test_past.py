@@ -12,6 +12,7 @@ from simaps_viz.drawing.texture import outline_segments
 from simaps_viz.viewer.page.shared import NO_HISTORY, ids_then
 from simaps_viz.viewer.panels.build import NOTE, BuildPanel
 from simaps_viz.viewer.panels.map import MapPanel
+from simaps_viz.viewer.panels.share import SHARE
 from simaps_viz.viewer.workbench import Workbench
 
 CHAIR_1, CHAIR_3, TABLE = 1, 3, 6
@@ -63,6 +64,17 @@ def test_the_map_of_then_is_lit_and_outlined_where_the_object_was(monkeypatch):
         session.finish()
         assert session.wait_idle() and drawn[-1] == (session.simap, {CHAIR_1})
         assert np.array_equal(outlined(), whole)
+
+
+def test_a_history_that_comes_with_the_frames_is_found():
+    found = []
+    services = toy_services(look_back=lambda simap, frame: found[0] if found else None)
+    with Workbench(toy_map(), services=services, port=free_port(), start=TOY_POSE) as bench, fake_page(bench) as page:
+        panel = page.session.panels[BuildPanel]
+        assert page.session.wait_idle() and NO_HISTORY in panel._note.content
+        found.append(earlier())
+        bench.finish(bench.simap, (SHARE,))
+        assert bench.wait_idle() and NOTE in panel._note.content
 
 
 @pytest.mark.parametrize("known", [True, False])

@@ -115,6 +115,8 @@ def test_a_reload_brings_back_what_was_done():
         page = FakePage(bench)
         session, panels = page.session, page.session.panels
         cut(session, APART, 2.0)
+        changed = panels[MapPanel]._change.content
+        assert "as it came" in changed
         panels[MapPanel].set_look("class", "dining table")
         panels[MapPanel]._rooms.value = True
         chosen = session.simap.of_class("dining table")[1].id
@@ -136,6 +138,8 @@ def test_a_reload_brings_back_what_was_done():
             assert new.simap.instances == instances and new.selected == chosen and new.frame == 1
             assert (new.panels[MapPanel].percent, new.panels[MapPanel].resolution) == (APART, 2.0)
             assert (new.panels[MapPanel].mode, new.panels[MapPanel].shown_class) == ("class", "dining table")
+            until(lambda: new.panels[MapPanel]._change.visible and new.panels[MapPanel]._peek.visible)
+            assert new.panels[MapPanel]._change.content == changed
             assert new.panels[MapPanel]._rooms.value
             until(lambda: new.panels[MapPanel]._rooms_shown == new.simap.rooms != ())
             assert not new.as_it_was and new.viewpoints.name == SLANT

@@ -66,6 +66,10 @@ class BuildPanel(Panel):
         self._name.content = self._caption(self._page.frame)
         self._page.submit("history", lambda: self._look_for_history(simap))
 
+    def panels_changed(self) -> None:
+        """Look for the history again: the frames of the map, and its file, may be there now."""
+        self._page.submit("history", lambda: self._look_for_history(self._page.simap))
+
     def time_changed(self, frame: int, step: int | None) -> None:
         """Move the slider to the frame."""
         if self._slider.value != frame:

@@ -197,14 +197,12 @@ class MapPanel(Panel):
 
     def map_changed(self, simap: SIMap) -> None:
         """Offer the colours that the map has, and describe what a moved slider changed."""
-        before, cut = (self._shown, self._shown_cut), self._page.cut
+        base, own, cut = self._page.base, cut_of(self._page.base), self._page.cut
         self._shown, self._shown_cut = simap, cut
-        if cut != before[1] and simap is not before[0]:
-            base, own = self._page.base, cut_of(self._page.base)
-            if after := self._after:
-                self._was = self._page.shared.cut_map(base, after.percent, after.resolution), after
-            else:
-                self._was = (base, own) if cut != own else None  # as the map came: nothing is moved
+        if after := self._after:
+            self._was = self._page.shared.cut_map(base, after.percent, after.resolution), after
+        else:
+            self._was = (base, own) if cut != own and simap is not base else None  # as the map came: nothing is moved
         self._reset.visible = self._page.cut_here or self._was is not None  # also while the map before is looked at
         self._describe_change()
         if color_modes(simap) != tuple(self._mode.options):
