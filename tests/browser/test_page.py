@@ -220,6 +220,8 @@ def test_on_a_phone_a_list_opens_beside_its_box_and_the_panels_stay(browser, ben
         assert chosen["y"] + chosen["height"] <= 860
 
 
+COLORED = """() => new Set([...document.querySelectorAll('[role=tablist] [role=tab]')]
+  .filter((one) => one.checkVisibility()).map((one) => `${getComputedStyle(one).color} ${one.ariaSelected}`)).size"""
 HEIGHTS = """(what) => [...document.querySelectorAll(what)].filter((one) => one.checkVisibility())
   .map((one) => one.getBoundingClientRect().height)"""
 
@@ -235,8 +237,11 @@ def test_on_a_phone_fingers_find_buttons_and_thumbs_and_a_tap_beside_objects_is_
         assert high == sorted(high)  # what a finger does comes first
         page.get_by_role("button", name="Close", exact=True).tap()
         session, chair = mine(bench), bench.simap.of_class("chair")[0]
+        page.get_by_role("tab", name="Command", exact=True).tap()
         page.locator("textarea[aria-label=Find]").fill(f"{chair.name}\n")
         until(page, lambda: session.selected == chair.id)
+        expect(page.get_by_role("tab", name="Instance", exact=True)).to_have_attribute("aria-selected", "true")
+        assert page.evaluate(COLORED) == 2  # the tab that was tapped looks as the others do again
         expect(page.get_by_text("The north arrow shows the whole map.")).to_be_visible()
         page.locator(".simaps-north").tap()
         until(page, lambda: page_is_there(bench, page, session.simap))
