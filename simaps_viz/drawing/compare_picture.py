@@ -12,6 +12,7 @@ from simaps_viz.colors.palette import Color
 from simaps_viz.drawing.sheet import INK, fitting, write
 from simaps_viz.drawing.texture import MapPicture
 from simaps_viz.drawing.theme import LIGHT, Theme, short
+from simaps_viz.mapping.method import percent_text
 from simaps_viz.structures import GridSpec
 
 if TYPE_CHECKING:
@@ -63,7 +64,7 @@ def difference_text(kind: str, here: Sequence[str], there: Sequence[str], label:
         iou: the largest intersection over union of two of them.
     """
     both = f"{kind} · {together(here or there)}" + (f" → {together(there, known=label)}" if here and there else "")
-    return f"{both} · {iou:.0%} alike" if kind in ("label", "outline", "edge") else both
+    return f"{both} · {percent_text(iou, 0)} alike" if kind in ("label", "outline", "edge") else both
 
 
 def together(names: Sequence[str], *, known: str = "") -> str:

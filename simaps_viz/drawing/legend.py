@@ -103,6 +103,7 @@ def facts_html(simap: SIMap, instance: Instance, doubtful: Collection[int] | Non
     """Describe an instance in full: name, facts, place, size, score; ``doubtful`` as for `counts_of`."""
     unsure = simap.doubtful if doubtful is None else doubtful
     doubt = not_counted(simap, unsure).get(instance.id, "")
+    mark = f" · <b>{doubt.partition(':')[0]}</b>" if doubt else ""
     (x0, y0, _), (x1, y1, top) = instance.aabb_m
     x, y, _ = instance.centroid_m
     seen = simap.color_of(instance)
@@ -122,7 +123,7 @@ def facts_html(simap: SIMap, instance: Instance, doubtful: Collection[int] | Non
         f'<div style="{BOX_STYLE}">'
         '<button class="simaps-selected" type="button" data-do="deselect" title="Select nothing (Esc)">'
         f"<span>{short_html(instance.name)}</span> ✕</button>"
-        f"<div>{escape(facts_text(simap, instance))}{f' · <b>{escape(doubt)}</b>' * bool(doubt)}</div>"
+        f"<div>{escape(facts_text(simap, instance))}{mark}</div>"
         f'<table style="border-spacing:0;margin-top:.3em">{table}</table></div>'
     )
 
@@ -192,7 +193,7 @@ def legend_html(
     else:
         rows = _instance_rows(simap, buttons, unsure, chips=colored)
     if buttons and len(rows) > MAX_ROWS + 1:
-        more = f"<summary>{len(rows) - MAX_ROWS} more classes</summary>{''.join(rows[MAX_ROWS:])}"
+        more = f"<summary>all {len(rows)} classes, the doubtful too</summary>{''.join(rows[MAX_ROWS:])}"
         rows = [*rows[:MAX_ROWS], f'<details class="simaps-more">{more}</details>']
     if mode == "photo":
         outlined = "; objects are outlined" if colored else ""

@@ -9,6 +9,7 @@ import numpy as np
 from simaps_viz.colors.classes import plural
 from simaps_viz.mapping.explain import needed_text, score_text
 from simaps_viz.mapping.in_space import has_voxels
+from simaps_viz.mapping.method import percent_text
 from simaps_viz.mapping.partition import applied_steps, owner_of_community
 from simaps_viz.mapping.simap import joining_threshold
 from simaps_viz.structures import Instance, SIMap
@@ -53,8 +54,8 @@ def doubts(simap: SIMap, but: Collection[int] = ()) -> tuple[Doubt, ...]:
     # What the frames said of it, and how large it is.
     for one in simap.instances:
         about, others = found[one.id], areas[one.label]
-        brief = f"class unsure, {one.score:.0%}"
-        text = f"The frames name its class with a confidence of {one.score:.0%} on average."
+        brief = f"class unsure, {percent_text(one.score, 0)}"
+        text = f"The frames name its class with a confidence of {percent_text(one.score, 0)} on average."
         about.append(((SURE_SCORE - one.score) / SURE_SCORE, brief, text))
         seen = f"seen in {plural(one.frames, 'frame')} of {len(simap.frame_names)}"
         about.append((1.0 - one.frames / sure_frames, seen, f"It was {seen}."))
@@ -109,7 +110,7 @@ def _shared_places(one: Instance, shown: Mapping[int, Instance]) -> list[tuple[f
     for number, share in one.inside.items():  # not what stands on it
         other = shown.get(number)
         if other is not None and share > INSIDE and other.label != one.label:
-            text = f"{share:.0%} of it lies inside {other.name}: it may be a part of that, or none."
+            text = f"{percent_text(share, 0)} of it lies inside {other.name}: it may be a part of that, or none."
             found.append((share, f"shares its place with {other.name}", text))
     return found
 

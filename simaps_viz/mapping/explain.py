@@ -518,7 +518,7 @@ def summary(why: Why, *, by_hand: bool = False) -> str:
         by_hand: whether people edited the instance; the map's own reason to join its parts does not count then.
     """
     if by_hand:
-        return f"One object because people made it so by hand, see below. {_seen_as_one(why)}"
+        return "One object because people made it so by hand, see below."
     return " ".join(filter(None, [_one_object(why), _class_of(why.instance), _weakest(why)]))
 
 
@@ -604,13 +604,6 @@ def _one_object(why: Why) -> str:
     return f"One object {reason} {which} that saw it {'shows' if which == 'the 1 frame' else 'show'} {it} as one."
 
 
-def _seen_as_one(why: Why) -> str:
-    seen, as_one = len(why.frames), sum(frame.as_one for frame in why.frames)
-    if seen == 0:
-        return "No frame is known to have named it."
-    return f"Of the {plural(seen, 'frame')} that saw it, {as_one or 'none'} show it as one."
-
-
 def _weakest(why: Why) -> str:
     if method_of(why.method).slider is None:
         return f"Method {why.method} has no joints to question: it knows no merge log."
@@ -638,7 +631,7 @@ def _pooled(method: str, evidence: Joint | Link) -> str:
     """Return the sentence with the sightings that a score comes from; frames count by the pairs of cells they saw."""
     if method_of(method).weights_per_frame or evidence.same + evidence.different == 0:
         return ""
-    few = " So few count only in part." if evidence.same + evidence.different < FEW else ""
+    few = " So few sightings count only in part." if evidence.same + evidence.different < FEW else ""
     return f" Cell by cell: {_sightings(evidence.same, evidence.different)}.{few}"
 
 

@@ -33,6 +33,7 @@ from simaps_viz.events import Progress
 from simaps_viz.io.files import write_whole
 from simaps_viz.mapping.file import load_map
 from simaps_viz.mapping.in_space import has_voxels
+from simaps_viz.mapping.method import percent_text
 from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.simap import slider_of
 from simaps_viz.structures import GridSpec, SIMap
@@ -97,7 +98,7 @@ def headline_html(maps: TwoMaps) -> str:
     compared = " of those that are large enough" if maps.left.ignored + maps.right.ignored else ""
     lines = [f"{found} · {plural(maps.same, 'object')}{compared} {'agrees' if maps.same == 1 else 'agree'}"]
     if edges and maps.same_iou is not None:
-        lines.append(f"{edges} of them with another outline; {maps.same_iou:.0%} alike on average (IoU)")
+        lines.append(f"{edges} of them with another outline; {percent_text(maps.same_iou, 0)} alike on average (IoU)")
     lines += [f"<b>{title} has no object.</b>" for title in empty]
     if maps.score is not None:
         pq = "none" if maps.score.pq is None else f"{maps.score.pq:.2f}"
@@ -134,7 +135,8 @@ def summary_html(maps: TwoMaps, theme: Theme = LIGHT) -> str:
     lines.append(f'<table style="border-spacing:0">{rows}</table>')
     truth = reference if maps.score is not None else None
     lines += [
-        f"{escape(side.title)}: {plural(side.count, 'instance')}{'' if side is truth else ', the doubtful included'}"
+        f"{escape(side.title)}: {plural(side.count, 'instance')} seen from above"
+        f"{'' if side is truth else ', the doubtful included'}"
         for side in (left, right)
     ]
     lines += ignored_lines(maps)

@@ -11,6 +11,7 @@ from simaps_viz.colors.classes import plural
 from simaps_viz.drawing.theme import remark_html, small_html
 from simaps_viz.evaluation.two_maps import NO_DIFFERENCE, TRUTH, Item, Kind, MapMaker, MapSide, compare_two
 from simaps_viz.mapping.doubts import doubts
+from simaps_viz.mapping.method import percent_text
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel, PanelSpec, button, button_row, by_person
@@ -152,7 +153,7 @@ class ErrorsPanel(Panel):
         )
 
     def _report(self, what: str, done: int, total: int) -> None:
-        self._about.content = small_html(f"Looking for the truth: {what}, {done / max(total, 1):.0%} …")
+        self._about.content = small_html(f"Looking for the truth: {what}, {percent_text(done / max(total, 1), 0)} …")
 
     def _fill(self) -> None:
         shown = self._entries[self._first : self._first + LISTED]
@@ -222,7 +223,8 @@ def doubt_entries(simap: SIMap, doubtful: frozenset[int]) -> list[Entry]:
         (x0, y0, _), (x1, y1, _) = one.aabb_m
         more, others = f"{one.name}: {' '.join(doubt.reasons)}", len(doubt.reasons) - 1
         area = f"{one.area_m2(simap.spec.cell_size_m):.2f} m²"
-        title = f"{one.name}, {area}: {doubt.brief}{f', and {others} more' * (others > 0)}"
+        also = f", and {plural(others, 'other reason')}" if others else ""
+        title = f"{one.name}, {area}: {doubt.brief}{also}"
         entries.append(Entry(title, more, one.id, (), (x0, y0, x1, y1)))
     return entries
 
@@ -237,8 +239,8 @@ def error_entry(item: Item, here: MapSide, truth: MapSide) -> Entry:
         "missed": f"{item.label} missing here",
         "extra": f"{names}: no {item.label} is there",
         "label": f"{names}: really a {item.label}",
-        "outline": f"{names}: outline {item.iou:.0%} right",
-        "edge": f"{names}: outline {item.iou:.0%} right",
+        "outline": f"{names}: outline {percent_text(item.iou, 0)} right",
+        "edge": f"{names}: outline {percent_text(item.iou, 0)} right",
         "small": f"{names}: nothing like it is there" if item.left else f"small {item.label} missing here",
     }
     means = {

@@ -18,6 +18,7 @@ from simaps_viz.drawing.theme import BOX_STYLE, DIM_STYLE, small_html
 from simaps_viz.errors import CommandError, InputError
 from simaps_viz.language.commands import begins_order, read_command
 from simaps_viz.mapping.in_space import all_instances
+from simaps_viz.mapping.method import percent_text
 from simaps_viz.structures import Instance, SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel, button, by_person
@@ -209,7 +210,8 @@ class FindBox(Panel):
         said = f"{found[at].name}: {at + 1} of {len(found)}." if len(found) > 1 else ""
         if scores:
             names = [
-                f"{n}. {one.name} ({score:.0%})" for n, (one, score) in enumerate(zip(found, scores, strict=True), 1)
+                f"{n}. {one.name} ({percent_text(score, 0)})"
+                for n, (one, score) in enumerate(zip(found, scores, strict=True), 1)
             ]
             names[at] += ", shown"
             said = "; ".join(names) + "."

@@ -534,7 +534,7 @@ def change_text(old: Mapping[str, int], new: Mapping[str, int], changes: Sequenc
         key=lambda name: (-abs(new.get(name, 0) - old.get(name, 0)), name),
     )
     parts = [f"{plural(new.get(name, 0), name)} ({old.get(name, 0)} before)" for name in moved[:MAX_MOVED]]
-    rest = [f"{len(moved) - MAX_MOVED} more of the counts"] if len(moved) > MAX_MOVED else []
+    rest = [f"other numbers of {plural(len(moved) - MAX_MOVED, 'more class')}"] if len(moved) > MAX_MOVED else []
     same = [f"{plural(edges, 'outline')} {'is' if edges == 1 else 'are'} slightly different"] if edges else []
     others = [plural(len(changes), "change")] if changes else []
     more = [f"and {len(changes) - MAX_CHANGES} more"] if len(changes) > MAX_CHANGES else []

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import viser
 
+from simaps_viz.colors.classes import plural
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel, PanelSpec, Question, button
 
@@ -154,7 +155,7 @@ def details_html(entry: "LibraryEntry") -> str:
         "of": facts.title,
         "method": f"{facts.method}{settings}" if facts.method else None,
         "frames": facts.frames,
-        "instances": facts.instances,
+        "seen from above": None if facts.instances is None else plural(facts.instances, "instance"),
         "simulated": None if facts.simulated is None else "yes" if facts.simulated else "no",
         "size": f"{entry.size_bytes / 1e6:.1f} MB",
         "file": str(entry.path),
