@@ -16,7 +16,7 @@ def with_facts(simap, number, **facts):
 
 
 @pytest.mark.parametrize(
-    ("facts", "said"), [({"score": 0.2}, "confidence of 20%"), ({"frames": 0}, "seen in 0 frames")]
+    ("facts", "said"), [({"score": 0.2}, "confidence of 20 %"), ({"frames": 0}, "seen in 0 frames")]
 )
 def test_an_object_that_the_frames_hardly_know_is_the_most_doubtful(facts, said):
     simap = toy_map()
@@ -52,7 +52,7 @@ def test_what_lies_inside_a_thing_of_another_class_may_be_a_part_of_it(monkeypat
     said = {one.instance.id: one for one in doubts(sure)}
     assert (couch.id in said) == doubtful and table.label != couch.label
     if doubtful:
-        assert said[couch.id].brief == f"shares its place with {table.name}" and "70%" in said[couch.id].reasons[0]
+        assert said[couch.id].brief == f"shares its place with {table.name}" and "70 %" in said[couch.id].reasons[0]
 
 
 def test_a_map_without_voxels_is_not_asked_where_things_are_in_space(monkeypatch):

@@ -82,7 +82,7 @@ def test_a_change_is_one_from_either_side_in_the_words_of_a_comparison(k):
         ("1111.3333", {1: "chair", 3: "chair"}, []),  # another number
         ("1111.....", {1: "chair"}, ["gone · chair 2"]),
         ("111132222", {1: "chair", 2: "chair", 3: "table"}, ["new · table 3"]),
-        ("1111.2222", {1: "chair", 2: "table"}, ["label · chair 2 → table 2 · 100% alike"]),
+        ("1111.2222", {1: "chair", 2: "table"}, ["label · chair 2 → table 2 · 100 % alike"]),
         ("1111.2233", {1: "chair", 2: "chair", 3: "table"}, ["split · chair 2 → chair 2 + table 3"]),
         ("111111111", {1: "chair"}, ["merged · chairs 1 + 2 → 1"]),
     ],

@@ -166,7 +166,7 @@ def test_a_thing_that_is_meant_and_may_be_wrong_is_called_so():
         for command, doubtful in (("go to the couch", True), ("go to the plant", False)):
             panel.ask(command)
             until(lambda: "Done" in shown(bench))
-            assert ("Couch 5 may be wrong: class unsure, 10%." in shown(bench)) == doubtful
+            assert ("Couch 5 may be wrong: class unsure, 10 %." in shown(bench)) == doubtful
 
 
 def test_two_things_of_one_class_are_called_by_their_names():

@@ -57,9 +57,9 @@ def test_no_differences_are_said_only_where_nothing_differs():
     maps = compare_two(("a", one), ("b", other))
     said = headline_html(maps)
     assert "The same objects, other outlines" in said and "No differences" not in said and "2 objects agree" in said
-    assert "1 of them with another outline; 88% alike on average (IoU)" in said  # 1 and 3/4
+    assert "1 of them with another outline; 88 % alike on average (IoU)" in said  # 1 and 3/4
     assert kind_options(maps) == ("edge (1)",) and [item_text(item, maps) for item in of_kind(maps, "edge (1)")] == [
-        "edge · chair 2 → 2 · 75% alike"
+        "edge · chair 2 → 2 · 75 % alike"
     ]
     assert "No differences" in headline_html(compare_two(("a", one), ("b", one)))
 
@@ -162,7 +162,7 @@ def test_objects_are_named_by_their_numbers_on_their_own_maps():
     one = ("a", map_of_ids(left, {**chairs, 6: "table"}))
     maps = compare_two(one, ("b", map_of_ids(right, {1: "chair", 2: "chair", 3: "table", 4: "chair"})))
     texts = [item_text(item, maps) for item in maps.items]
-    assert texts == ["missed · chair 5", "missed · table 6", "label · chair 3 → table 3 · 100% alike"]
+    assert texts == ["missed · chair 5", "missed · table 6", "label · chair 3 → table 3 · 100 % alike"]
     truth = compare_two(one, ("b", map_of_ids(drawn("11.22.33.44.55..."), chairs)), truth="right")
     assert [item_text(item, truth) for item in truth.items] == ["extra · table 6"]
     many = compare_two(("a", map_of_ids(drawn("1234567"), dict.fromkeys(range(1, 8), "chair"))),
