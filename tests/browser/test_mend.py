@@ -163,7 +163,7 @@ def deletes_and_takes_it_back(bench, page, mending):
     shows(bench, page, PLANT_9, None)
     floor = pixel(bench, page, *PLANT_9)
     press(page, "Undo")
-    expect(page.get_by_text("1 taken back.")).to_be_visible()
+    expect(page.get_by_text("1 edit taken back.")).to_be_visible()
     shows(bench, page, PLANT_9, 9)
     assert pixel(bench, page, *PLANT_9) != floor
     press(page, "Redo")
@@ -221,7 +221,7 @@ def takes_keys(bench, page, mending):
     assert sorted(i.cells for i in mending.simap().of_class("dining table")) == [96, 96, 216]
     page.wait_for_timeout(PAUSE_MS)
     page.keyboard.press("Control+z")
-    expect(page.get_by_text("1 taken back.")).to_be_visible()
+    expect(page.get_by_text("1 edit taken back.")).to_be_visible()
     page.wait_for_timeout(PAUSE_MS)
     page.keyboard.press("Control+Shift+z")
     expect(page.locator("ol").get_by_text("cut dining table 8 in two")).to_be_visible()
