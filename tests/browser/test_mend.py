@@ -119,7 +119,7 @@ def joins(bench, page, mending):
     selected(page, "chair 3")  # what was joined is selected
     expect(page.locator("ol").get_by_text("joined chair 3 and chair 4")).to_be_visible()
     press(page, "Instance", role="tab")
-    expect(page.get_by_text(f"{BY_HAND}, see below. Of the 5 frames that saw it, 2 show")).to_be_visible()
+    expect(page.get_by_text(f"{BY_HAND}, see below.")).to_be_visible()
     expect(page.get_by_text(MACHINE)).to_have_count(0)
     when = mending.log.entries[-1].when
     line = f"joined chair 3 and chair 4, by Ann, {when[:10]} {when[11:16]} UTC"
@@ -163,7 +163,7 @@ def deletes_and_takes_it_back(bench, page, mending):
     shows(bench, page, PLANT_9, None)
     floor = pixel(bench, page, *PLANT_9)
     press(page, "Undo")
-    expect(page.get_by_text("1 edit taken back.")).to_be_visible()
+    expect(page.get_by_text("1 taken back.")).to_be_visible()
     shows(bench, page, PLANT_9, 9)
     assert pixel(bench, page, *PLANT_9) != floor
     press(page, "Redo")
@@ -221,7 +221,7 @@ def takes_keys(bench, page, mending):
     assert sorted(i.cells for i in mending.simap().of_class("dining table")) == [96, 96, 216]
     page.wait_for_timeout(PAUSE_MS)
     page.keyboard.press("Control+z")
-    expect(page.get_by_text("1 edit taken back.")).to_be_visible()
+    expect(page.get_by_text("1 taken back.")).to_be_visible()
     page.wait_for_timeout(PAUSE_MS)
     page.keyboard.press("Control+Shift+z")
     expect(page.locator("ol").get_by_text("cut dining table 8 in two")).to_be_visible()
@@ -282,5 +282,5 @@ def test_two_pages_see_one_anothers_edits(browser, bench, mending):
             shows(bench, bo, CHAIR_4, 4, his)
         until(ann, lambda: len(bench.sessions) == 1)
         press(ann, "Undo")
-        expect(ann.get_by_text("No edits yet")).to_be_visible()
+        expect(ann.get_by_text("No edits; ")).to_be_visible()
     assert mending.log.entries == ()

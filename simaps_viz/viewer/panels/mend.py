@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 import viser
 
-from simaps_viz.colors.classes import plural
 from simaps_viz.colors.instances import take_over
 from simaps_viz.drawing.legend import facts_text
 from simaps_viz.drawing.theme import BAD_STYLE, BOX_STYLE, DIM_STYLE, STICKY, TEXT_STYLE, note_html, short_html
@@ -116,7 +115,7 @@ def edits_html(entries: Sequence[tuple[str, Entry]], undone: int, refused: Seque
     """List the edits, each with its description, the last one first; then those that could not be applied."""
     lost = "".join(f'<li style="{BAD_STYLE}">{escape(why)}</li>' for why in refused)
     if not entries and not lost:
-        return note_html(f"No edits: {plural(undone, 'edit')} taken back." if undone else "No edits yet.")
+        return note_html(f"No edits; {undone} taken back." if undone else "No edits yet.")
     rows = [
         f"<li>{escape(what)}<br>"
         f'<span style="{DIM_STYLE}">{escape(entry.who)}, {escape(entry.when[:16].replace("T", " "))} UTC</span></li>'
