@@ -178,7 +178,7 @@ _TO_DO: Final = re.compile(r"\b(?:(?:have|has|need|needs|want|wants|got|like) to
 _LACKING: Final = re.compile(
     r"^\W*(?:(?:[\w']+ ){0,6}?(?:i|we|me|he|she|they) (?:\w+ly |really |just |quite |so )*"
     r"(?:wants?|needs?|would|could|fancy|have|must|feel|am|are|should|got|crave|buy|bought|brought)|"
-    r"(?:my|our|this|these|the)(?: \w+){1,3} (?:wants?|needs?|must|ought to|has to|have to|is|are))\b"
+    r"(?:my|our|this|these|the)(?: \w+){1,3} (?:wants?|needs?|must|ought to|has to|have to|is|are|hurts?|aches?))\b"
     r"|^\W*(?:must|time to) |^\W*\w+ (?:break|time)\W*$"
 )
 """How a clause begins that says what somebody wants, or what has to be done with a thing."""

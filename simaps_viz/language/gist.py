@@ -225,11 +225,15 @@ _THING: Final = frozenset([
 """Tokens that begin a noun phrase."""
 _BEING: Final = frozenset(["DOES", "IS", "KEEP", "LEAVE", "GIVE", "EXIST", "GO"])
 _WANTS: Final = frozenset(["wants", "needs"])
+_TO_OTHERS: Final = re.compile(
+    r"(?:tell|ask|order|remind|send|instruct|beg) (?!me |us |you |yourself )(?:\w+ ){1,3}to\b"
+)
+"""How a clause begins that says what somebody else is to do: "tell Tom to go to the fridge"."""
 
 
 def gist(sentence: Sentence) -> str:
     """Return what a clause says is to be done; "" where the grammar reads it whole, or nothing of it."""
-    if not sentence.words:
+    if not sentence.words or _TO_OTHERS.match(" ".join(sentence.words)):
         return ""
     whole = sentence
     while sentence.words and sentence.words[-1] in ".,;:!?":
@@ -312,8 +316,6 @@ def _may_tell(words: Sequence[str], kinds: Sequence[set[str]], end: int, *, bare
     if bare and kinds[end - 1] & _THING:
         return True  # "the last chairs"
     for at in range(1, end):
-        if strange[at - 1] and words[at] == "to":  # "tell Tom to go to the fridge"
-            return True
         if strange[at] and kinds[at - 1] & {"APPROACH", "NEED"} and not kinds[end] & _TO:
             return True  # "find flobbers in the kitchen"
         taken = "DET" in kinds[at] and strange[at + 1]

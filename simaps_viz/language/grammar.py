@@ -21,6 +21,17 @@ _KEPT: Final = 4
 _PIECE: Final = re.compile(r"[()|?*+&!]|[\w:]+")
 
 
+def no_reading() -> Any:
+    """Drop a reading, without words, from the function of its rule."""
+    raise CommandError("")
+
+
+def no_reading_if(senseless: object) -> None:
+    """Drop a reading where it makes no sense."""
+    if senseless:
+        no_reading()
+
+
 @dataclass(frozen=True)
 class Edge:
     """One way to read the words at some place of a sentence as a token."""

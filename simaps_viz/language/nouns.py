@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from simaps_viz.errors import CommandError
-from simaps_viz.language.grammar import Grammar
+from simaps_viz.language.grammar import Grammar, no_reading, no_reading_if
 from simaps_viz.language.words import ANY, AROUND_QUESTIONS, NO_NAMES, Noun, plain, plural, singular
 
 GRAMMAR: Final = Grammar()
@@ -34,7 +34,7 @@ _MAX_REPEATED: Final = 120
 """Characters of what things are near, up to which the nearest to it is taken rather than the first near it."""
 _SIDES: Final = ("left", "right", "north", "south", "east", "west", "middle")
 ALL: Final = re.compile(r'things\(("[^"]*")\)')
-IN_ROOM: Final = re.compile(r'inside\(things\("[^"]*"\), (room\("[^"]*"\))\)')
+IN_ROOM: Final = re.compile(r'inside\(things\("[^"]*"\), (room\("[^"]*"\)|"")\)')
 _VAGUE: Final = re.compile(r'only\((?:things\("[^"]*"\)|rooms\(\)|‹one›), "([^"]*)"\)')
 _BEST_OF: Final = ("order", True)
 """Said of one thing: "the chair at the table that is nearest to the sofa" is, with one table, the nearest chair."""
@@ -187,7 +187,7 @@ def select(noun: Noun | None, parts: Iterable[Part], *, every: bool = False, som
         raise CommandError(f"ranks count from 1 to {MAX_RANK}, found {rank}")
     if count is not None and not 1 <= count <= MAX_COUNT:
         raise CommandError(f"from 1 to {MAX_COUNT} things can be visited, found {count}")
-    _check_counted(parts, rank, count, several=is_plural)
+    _check_counted(parts, rank, count, several=is_plural, lone=noun is None)
     _check_added(parts, several=(count or 1) > 1)
     parts = tuple(_seated(part, noun) if part.kind == "near" and part.phrase else part for part in parts)
     base, word, notes, others = _based(noun, max(abs(rank or 1), count or 1, 2 if is_plural or parts else 1))
@@ -318,15 +318,16 @@ def _of_one_thing(parts: Parts, noun: Noun | None) -> Parts:
     return tuple(part for part in parts if part.kind != "alias")
 
 
-def _check_counted(parts: Parts, rank: int | None, count: int | None, *, several: bool) -> None:
+def _check_counted(parts: Parts, rank: int | None, count: int | None, *, several: bool, lone: bool) -> None:
     """Raise where it was said from where things are counted, and not which, or not from where they are."""
     kinds = {part.kind for part in parts}
     if rank is None and count is None and "counted" in kinds:
         raise CommandError("")  # "approach the bench from the left"
-    if several and "single" in kinds:
-        raise CommandError("")  # "the chairs at the desk, the one by the door": the desk is by it
+    no_reading_if(several and "single" in kinds)  # "the chairs at the desk, the one by the door": the desk is by it
     sided = any(part.kind == "order" and part.text in (*_SIDES, *CORNERS.values()) for part in parts)
-    if rank is not None and not sided and "row" in kinds:
+    # "at the counter there are four stools: the last one in the row" is seen from where the robot is
+    told = rank in (1, -1) and (lone or not kinds.isdisjoint(("near", "filter")))
+    if rank is not None and not (sided or told) and "row" in kinds:
         raise CommandError("from which end of the row is counted was not said")
 
 
@@ -352,8 +353,7 @@ def _check(text: str, word: str, inner: Sequence[Phrase], many: bool) -> None:
 
 def _sorted_by(text: str, orders: Parts, many: bool) -> str:
     """Apply the order in which several things are gone through."""
-    if orders and not many:  # "the desks with a keyboard, the left one first" is said of the desks
-        raise CommandError("")
+    no_reading_if(orders and not many)  # "the desks with a keyboard, the left one first" is said of the desks
     for part in orders:
         text = f'order({text}, "{part.text}"{_of(part.of)})'
     return text
@@ -419,8 +419,7 @@ def _order(parts: Sequence[Part], many: bool, ranked: bool) -> tuple[str, str]:
     if measured and ranked and not orders:  # "the third chair from the door"
         return "near", measured[0]
     if measured:  # "the nearest chair to the desk"
-        if len(orders) != 1 or orders[0] not in (("near", ""), ("far", "")):
-            raise CommandError("")
+        no_reading_if(len(orders) != 1 or orders[0] not in (("near", ""), ("far", "")))
         return orders[0][0], measured[0]
     if len(orders) == 2 and ("near", "") in orders:
         orders.remove(("near", ""))  # "the nearest chair on the far left"
@@ -480,8 +479,7 @@ def refine(phrase: Phrase, parts: Iterable[Part]) -> Phrase:
     for part in (_freed(one, phrase.word) for one in parts):
         text = (part.definite or part.text).replace("{}", text) if part.kind == "filter" else text
         text = f"near({text}, {part.definite or part.text})" if part.kind == "near" else text
-        if part.kind not in ("filter", "near"):
-            raise CommandError("")  # whether it is so is asked, not which one it is
+        no_reading_if(part.kind not in ("filter", "near"))  # whether it is so is asked, not which one it is
         found += [part.phrase] if part.phrase else []
     pairs = tuple(pair for p in found for pair in p.others)
     inner = (*phrase.inner, *found[1:])
@@ -493,8 +491,7 @@ def united(phrases: Sequence[Phrase]) -> Phrase:
     """Return one phrase for "the chair or the couch"."""
     phrases = lent(phrases)
     first = phrases[0]
-    if any(one.free or one.is_room != first.is_room for one in phrases):
-        raise CommandError("")
+    no_reading_if(any(one.free or one.is_room != first.is_room for one in phrases))
     if first.base not in (ONE, SAME):  # "the counter with the cake or the one with the sinks"
         phrases = [
             replace(one, text=one.text.replace(ONE, first.base), base=first.base)
@@ -539,9 +536,7 @@ for _side in _SIDES[:-1]:
     _rule("side", _side.upper())(lambda side=_side: side)
 
 
-@_rule("amount", "n:NUM", "n:ONE")
-def _amount(n: float) -> float:
-    return n
+_rule("amount", "n:NUM", "n:ONE")(lambda n: n)
 
 
 @_rule("whole", "n:amount")
@@ -554,30 +549,14 @@ def _whole(n: float) -> int:
 # ---- adjectives: parts that may stand before the noun, and after "is"
 
 
-@_rule("adjective", "color:COLOR")
-def _colored(color: str) -> Parts:
-    return _filter(f'colored({{}}, "{color}")')
-
-
-@_rule("adjective", "one:COLOR other:COLOR", cost=-0.1)
-def _between_colors(one: str, other: str) -> Parts:
-    """Read "orange-red": what may be called either."""
-    return _filter(f'union(colored({{}}, "{one}"), colored({{}}, "{other}"))')
-
-
-@_rule("adjective", "shape:SHAPE")
-def _shaped(shape: str) -> Parts:
-    return _filter(f'shaped({{}}, "{shape}")')
-
-
-@_rule("adjective", "EMPTY")
-def _empty() -> Parts:
-    return _filter("empty({})")
-
-
-@_rule("adjective", "FREE")
-def _free() -> Parts:
-    return (Part("free", "empty({})"),)
+_rule("adjective", "color:COLOR")(lambda color: _filter(f'colored({{}}, "{color}")'))
+# "orange-red": what may be called either
+_rule("adjective", "one:COLOR other:COLOR", cost=-0.1)(
+    lambda one, other: _filter(f'union(colored({{}}, "{one}"), colored({{}}, "{other}"))')
+)
+_rule("adjective", "shape:SHAPE")(lambda shape: _filter(f'shaped({{}}, "{shape}")'))
+_rule("adjective", "EMPTY")(lambda: _filter("empty({})"))
+_rule("adjective", "FREE")(lambda: (Part("free", "empty({})"),))
 
 
 def _freed(part: Part, name: str) -> Part:
@@ -588,25 +567,11 @@ def _freed(part: Part, name: str) -> Part:
     return replace(part, kind="filter", text='minus({}, near({}, "person"))' if table else part.text)
 
 
-@_rule("adjective", "ALONE")
-def _alone() -> Parts:
-    """Read "the chair that stands by itself": nothing of its kind is next to it."""
-    return _filter("minus({}, near({}, {}))")
-
-
-@_rule("adjective", "TAKEN")
-def _taken() -> Parts:
-    return _filter("minus({}, empty({}))")
-
-
-@_rule("adjective", "SEEN")
-def _seen() -> Parts:
-    return _filter("visible({})")
-
-
-@_rule("adjective", "NOT adjective")
-def _not(adjective: Parts) -> Parts:
-    return tuple(_negated(part) for part in adjective)
+# "the chair that stands by itself": nothing of its kind is next to it
+_rule("adjective", "ALONE")(lambda: _filter("minus({}, near({}, {}))"))
+_rule("adjective", "TAKEN")(lambda: _filter("minus({}, empty({}))"))
+_rule("adjective", "SEEN")(lambda: _filter("visible({})"))
+_rule("adjective", "NOT adjective")(lambda adjective: tuple(_negated(part) for part in adjective))
 
 
 def _negated(part: Part) -> Part:
@@ -635,9 +600,7 @@ def _size(key: str) -> Parts:
     return (Part("order", key),)
 
 
-@_rule("size", "key:SIZE")
-def _rather(key: str) -> Parts:
-    return (Part("order", key, number=1),)
+_rule("size", "key:SIZE")(lambda key: (Part("order", key, number=1),))
 
 
 @_rule("pre", "n:ORD")
@@ -645,30 +608,12 @@ def _ranked(n: int) -> Parts:
     return (Part("rank", number=n),)
 
 
-@_rule("pre", "NEAREST | NEARBY | far:FARTHEST")
-def _nearest(far: str = "") -> Parts:
-    return (Part("order", "far" if far else "near"),)
-
-
-@_rule("pre", "side:MOST SIDE?", "side SIDE?")
-def _outermost(side: str) -> Parts:
-    return (Part("order", side),)
-
-
-@_rule("pre", "side spot:SPOT", cost=0.2)
-def _at_wall(side: str, spot: str) -> Parts:
-    """Read "the east wall picture"."""
-    return (*_spot(spot), Part("order", side, number=2))
-
-
-@_rule("pre", "MIDDLE")
-def _middle() -> Parts:
-    return (Part("order", "middle"),)
-
-
-@_rule("pre", "OTHER")
-def _other() -> Parts:
-    return (Part("other"),)
+_rule("pre", "NEAREST | NEARBY | far:FARTHEST")(lambda far="": (Part("order", "far" if far else "near"),))
+_rule("pre", "side:MOST SIDE?", "side SIDE?")(lambda side: (Part("order", side),))
+# "the east wall picture"
+_rule("pre", "side spot:SPOT", cost=0.2)(lambda side, spot: (*_spot(spot), Part("order", side, number=2)))
+_rule("pre", "MIDDLE")(lambda: (Part("order", "middle"),))
+_rule("pre", "OTHER")(lambda: (Part("other"),))
 
 
 @_rule("pre", "n:whole DIFFERENT", "EXACTLY n:whole", cost=-0.1)
@@ -677,9 +622,7 @@ def _counted(n: int) -> Parts:
     return (Part("count", number=n),)
 
 
-@_rule("pre", "adjective", "adjective:size")
-def _before(adjective: Parts) -> Parts:
-    return adjective
+_rule("pre", "adjective", "adjective:size")(lambda adjective: adjective)
 
 
 # ---- relations: parts that stand after the noun
@@ -688,18 +631,13 @@ GRAMMAR.words("_at", "ON", "TO", "AT", "IN", "BY")
 GRAMMAR.words("_near", "BY", "AT", "AROUND", "OVER", "OF", "FOR")
 GRAMMAR.words("_here", "(FROM | TO | AT | OF | AWAY)* HERE")
 GRAMMAR.words("_dets", "DET*")
-
-
-@_rule("relation", "VIEW", "SEE", "SEEN")
-def _in_view() -> Parts:
-    return _filter("visible({})", outer=True)
+_rule("relation", "VIEW", "SEE", "SEEN")(lambda: _filter("visible({})", outer=True))
 
 
 @_rule("relation", "n:ORD? FROM DET? side (SIDE | END)?")
 @_rule("relation", "NUMBER n:amount FROM DET? side (SIDE | END)?", cost=-0.2)
 def _from_side(side: str, n: float = 0) -> Parts:
-    if n != int(n):
-        raise CommandError("")
+    no_reading_if(n != int(n))
     return (*(_ranked(int(n)) if n else ()), Part("order", side), Part("counted"))
 
 
@@ -707,27 +645,17 @@ GRAMMAR.words("_described", "adjective")
 GRAMMAR.words("_side", "side")
 GRAMMAR.words("_key", "key")
 GRAMMAR.words("_number", "whole")
-
-
-@_rule(
+_rule(
     "relation",
     "COMMA? GO? FROM? DET? side SIDE? TO DET? _side SIDE?",
     "STOP GO? FROM? DET? side SIDE? TO DET? _side SIDE? !COMMA",
     cost=-0.1,
+)(lambda side: (Part("then", side),))
+# "from the nearest to the farthest"
+_rule("relation", "FROM DET? key TO DET? _key", cost=-0.4)(lambda key: (Part("then", key),))
+_rule("relation", "COMMA? key:SORTEDBY (np | HERE) COMMA? (ASCENDING | last:DESCENDING)?", cost=-0.4)(
+    lambda key, np=None, last="": (Part("then", "far" if last else key, np.measure if np else "", phrase=np),)
 )
-def _swept(side: str) -> Parts:
-    return (Part("then", side),)
-
-
-@_rule("relation", "FROM DET? key TO DET? _key", cost=-0.4)
-def _swept_by(key: str) -> Parts:
-    """Read "from the nearest to the farthest"."""
-    return (Part("then", key),)
-
-
-@_rule("relation", "COMMA? key:SORTEDBY (np | HERE) COMMA? (ASCENDING | last:DESCENDING)?", cost=-0.4)
-def _sorted_from(key: str, np: Phrase | None = None, last: str = "") -> Parts:
-    return (Part("then", "far" if last else key, np.measure if np else "", phrase=np),)
 
 
 @_rule(
@@ -738,8 +666,7 @@ def _sorted_from(key: str, np: Phrase | None = None, last: str = "") -> Parts:
 )
 def _sorted(key: str = "", side: str = "", n: int = 1) -> Parts:
     """Read "starting with the farthest", "the nearest one first"."""
-    if n != 1:
-        raise CommandError("")
+    no_reading_if(n != 1)
     return (Part("then", key or side),)
 
 
@@ -748,24 +675,14 @@ _rule("post", "sorted")(lambda sorted: sorted)
 for _token, _key in (("NEAREST", "near"), ("FARTHEST", "far")):
     _rule("key", _token)(lambda name=_key: name)
 _rule("key", "name:SUPER", "name:MORE", "name:MOST")(lambda name: name)
-
-
-@_rule("relation", "_at? _dets side SIDE? (OF HERE)?")
-def _on_side(side: str) -> Parts:
-    return _filter(f'side({{}}, "{side}")')
-
-
-@_rule("relation", "(AT | ON) _dets side END | _at? _dets side:MOST (SIDE | END)? | n:ORD? FARTHEST _at? DET? side")
-def _at_end(side: str, n: int = 0) -> Parts:
-    return (*(_ranked(n) if n else ()), Part("order", side))
-
-
-@_rule("relation", "_at? _dets corner:INTER (SIDE | SPOT)? (OF DET* MAP)?", cost=-0.2)
-def _towards_corner(corner: float) -> Parts:
-    """Read "the plant in the north-east": the one farthest that way."""
-    if corner not in CORNERS:
-        raise CommandError("")
-    return (Part("order", CORNERS[corner]),)
+_rule("relation", "_at? _dets side SIDE? (OF HERE)?")(lambda side: _filter(f'side({{}}, "{side}")'))
+_rule("relation", "(AT | ON) _dets side END | _at? _dets side:MOST (SIDE | END)? | n:ORD? FARTHEST _at? DET? side")(
+    lambda side, n=0: (*(_ranked(n) if n else ()), Part("order", side))
+)
+# "the plant in the north-east": the one farthest that way
+_rule("relation", "_at? _dets corner:INTER (SIDE | SPOT)? (OF DET* MAP)?", cost=-0.2)(
+    lambda corner: no_reading() if corner not in CORNERS else (Part("order", CORNERS[corner]),)
+)
 
 
 @_rule("relation", "_at? _dets side (SIDE | END)? (OF | FROM) np", cost=-0.05)
@@ -779,28 +696,20 @@ def _side_of(side: str, np: Phrase) -> Parts:
 
 @_rule("relation", "_at? _dets end:FAREND OF np", cost=0.1)
 def _at_far_end(np: Phrase, end: str) -> Parts:
-    if end == "end" and not np.is_room:
-        raise CommandError("")
+    no_reading_if(end == "end" and not np.is_room)
     return (*_filter(f"near({{}}, {np.measure})", np), Part("order", "far"))
 
 
-@_rule("relation", "COMMA? (IN | OF | FROM) (DET | THAT)* ROW (OF whole)?")
-def _in_row(whole: int = 0) -> Parts:
-    """Read "the second seat from the left in that row of five": what stands in a row is counted from its side."""
-    return (Part("row"),)
-
-
-@_rule("relation", "BETWEEN DET* ROW (OF whole)?", cost=-0.2)
-def _amid_row(whole: int = 0) -> Parts:
-    return (Part("order", "middle"),)
+# "the second seat from the left in that row of five": what stands in a row is counted from its side
+_rule("relation", "COMMA? (IN | OF | FROM) (DET | THAT)* ROW (OF whole)?")(lambda whole=0: (Part("row"),))
+_rule("relation", "BETWEEN DET* ROW (OF whole)?", cost=-0.2)(lambda whole=0: (Part("order", "middle"),))
 
 
 @_rule("relation", "BETWEEN np", cost=-0.1)
 def _amid_them(np: Phrase) -> Parts:
     """Read "the table in the middle of the nine square ones": of these the middle one."""
     count = re.search(r", (\d+)\)$", np.text)
-    if not np.many or not count or int(count[1]) < 3:
-        raise CommandError("")
+    no_reading_if(not np.many or not count or int(count[1]) < 3)
     return (*_filter(f"common({{}}, {np.text})", np), Part("order", "middle"))
 
 
@@ -811,14 +720,12 @@ def _on_the_same(noun: Noun, np: Phrase) -> Parts:
     return _filter(f"on({{}}, {shared})", np)
 
 
-@_rule("relation", "_at? _dets side (SIDE | END)? (OF | IN) DET* MAP")
-def _side_of_map(side: str) -> Parts:
-    return _filter(f'side({{}}, "{side}", "map")')
-
-
-@_rule("relation", "(FRONT | BEFORE) HERE", "FORWARD (OF HERE)?", "behind:BEHIND HERE")
-def _ahead(behind: str = "") -> Parts:
-    return _filter('side({}, "behind")' if behind else AHEAD)
+_rule("relation", "_at? _dets side (SIDE | END)? (OF | IN) DET* MAP")(
+    lambda side: _filter(f'side({{}}, "{side}", "map")')
+)
+_rule("relation", "(FRONT | BEFORE) HERE", "FORWARD (OF HERE)?", "behind:BEHIND HERE")(
+    lambda behind="": _filter('side({}, "behind")' if behind else AHEAD)
+)
 
 
 @_rule("relation", "FRONT np | behind:BEHIND np")
@@ -828,8 +735,7 @@ def _in_front(np: Phrase, behind: str = "") -> Parts:
 
 @_rule("relation", "near:NEAR np", "_near np")
 def _close(np: Phrase, near: str = "") -> Parts:
-    if near.startswith(("closer", "nearer")):  # of several the nearest
-        raise CommandError("")
+    no_reading_if(near.startswith(("closer", "nearer")))  # of several the nearest
     beside = re.search(r"next to|beside|against|alongside", near) is not None
     return (Part("near", np.argument, number=int(beside), phrase=np, definite=np.definite),)
 
@@ -837,35 +743,28 @@ def _close(np: Phrase, near: str = "") -> Parts:
 @_rule("relation", "NEAR np _at _dets side SIDE?", cost=-0.3)
 def _close_on_side(np: Phrase, side: str) -> Parts:
     """Read "next to the microwave on the left", of the only microwave: on its left."""
-    if not np.lone or side not in ("left", "right"):
-        raise CommandError("")
+    no_reading_if(not np.lone or side not in ("left", "right"))
     return (*_side_of(side, np), *_close(np))
 
 
-@_rule("relation", "(TO | AWAY? FROM | OF) np", cost=-0.05)
-def _measured(np: Phrase) -> Parts:
-    return (Part("from", np.measure, phrase=np),)
-
-
-@_rule("relation", "(AT | ON | BY | IN) _dets side END OF np", cost=-0.4)
-def _at_end_of(side: str, np: Phrase) -> Parts:
-    """Read "the chair at the north end of the table": of those next to it the northernmost."""
-    return (*_filter(f"near({{}}, {np.measure})", np), Part("order", side))
+_rule("relation", "(TO | AWAY? FROM | OF) np", cost=-0.05)(lambda np: (Part("from", np.measure, phrase=np),))
+# "the chair at the north end of the table": of those next to it the northernmost
+_rule("relation", "(AT | ON | BY | IN) _dets side END OF np", cost=-0.4)(
+    lambda side, np: (*_filter(f"near({{}}, {np.measure})", np), Part("order", side))
+)
 
 
 @_rule("end_of", "(AT | ON | BY)? _dets (FOOT | end:END | end:FAREND | key:SIZE (SIDE | END)) OF")
 def _end_of(end: str = "", key: str = "") -> str:
     """Read "at the head of", "on a long side of"."""
-    if key not in ("", "long", "short") or end not in ("", "end", "ends", "head"):
-        raise CommandError("")
+    no_reading_if(key not in ("", "long", "short") or end not in ("", "end", "ends", "head"))
     return "flank" if key == "long" else "end"
 
 
 @_rule("relation", "end_of np", "NEAR _dets key:SIZE SIDE OF np", cost=-0.2)
 def _at_end_or_flank(np: Phrase, end_of: str = "end", key: str = "") -> Parts:
     """Read "the chair at the head of the table", "the bench at the foot of the bed": next to one of its short sides."""
-    if np.is_room or key not in ("", "long", "short"):
-        raise CommandError("")
+    no_reading_if(np.is_room or key not in ("", "long", "short"))
     if np.word in ("bed", "couch"):
         return _close(np)
     side = "flank" if key == "long" else end_of
@@ -876,23 +775,19 @@ def _at_end_or_flank(np: Phrase, end_of: str = "end", key: str = "") -> Parts:
 @_rule("relation", "THAT DISTANCE (TO | FROM) np IS key:SUPER", cost=-0.2)
 def _whose_distance(np: Phrase, key: str) -> Parts:
     """Read "the chair whose distance to the door is smallest"."""
-    if key not in ("small", "short", "large", "long"):
-        raise CommandError("")
+    no_reading_if(key not in ("small", "short", "large", "long"))
     return (Part("order", "near" if key in ("small", "short") else "far", np.measure, phrase=np),)
 
 
 @_rule("relation", "WITH DET? (key:SUPER | key:MORE | FEWEST) DISTANCE ((TO | FROM) (np | HERE))?", cost=-0.3)
 def _with_least_distance(key: str = "small", np: Phrase | None = None) -> Parts:
     """Read "the lamp with the smallest distance to the door"."""
-    if key not in ("small", "short", "large", "long"):
-        raise CommandError("")
+    no_reading_if(key not in ("small", "short", "large", "long"))
     of = np.measure if np else ""
     return (Part("order", "near" if key in ("small", "short") else "far", of, phrase=np),)
 
 
-@_rule("relation", "_at? ITS side (SIDE | END)?", cost=-0.1)
-def _on_its_side(side: str) -> Parts:
-    return _side_of(side, Phrase(IT, ONE, "thing"))
+_rule("relation", "_at? ITS side (SIDE | END)?", cost=-0.1)(lambda side: _side_of(side, Phrase(IT, ONE, "thing")))
 
 
 @_rule("relation", "IN distance (OF | FROM) np")
@@ -917,15 +812,9 @@ def _under(np: Phrase) -> Parts:
     return _filter(f"under({{}}, {np.argument})", np, definite=f"under({{}}, {np.definite})")
 
 
-@_rule("relation", "FACING np", cost=-0.1)
-def _facing(np: Phrase) -> Parts:
-    """Read "the couch that faces the tv", "the chair looking at the window"."""
-    return _filter(f"facing({{}}, {np.measure})", np)
-
-
-@_rule("relation", "OPPOSITE np", cost=-0.1)
-def _across(np: Phrase) -> Parts:
-    return _filter(f"opposite({{}}, {np.measure})", np, of=np.measure)
+# "the couch that faces the tv", "the chair looking at the window"
+_rule("relation", "FACING np", cost=-0.1)(lambda np: _filter(f"facing({{}}, {np.measure})", np))
+_rule("relation", "OPPOSITE np", cost=-0.1)(lambda np: _filter(f"opposite({{}}, {np.measure})", np, of=np.measure))
 
 
 @_rule("relation", "key:PAIRED", cost=-0.3)
@@ -939,28 +828,23 @@ def _between(pair: tuple[Phrase, Phrase]) -> Parts:
     return _filter(f"between({{}}, {pair[0].argument}, {pair[1].argument})", *pair)
 
 
-@_rule("relation", "n:ORD? NEAREST (TO | OF)? np")
-def _nearest_to(np: Phrase, n: int = 0) -> Parts:
-    return (*(_ranked(n) if n else ()), Part("order", "near", np.measure, phrase=np))
+_rule("relation", "n:ORD? NEAREST (TO | OF)? np")(
+    lambda np, n=0: (*(_ranked(n) if n else ()), Part("order", "near", np.measure, phrase=np))
+)
 
 
 @_rule("relation", "DET? (NEAREST TO? | far:FARTHEST AWAY? FROM?) DET? side spot:SPOT", cost=-0.2)
 def _nearest_wall(side: str, spot: str, far: str = "") -> Parts:
     """Read "the chair farthest from the west wall": the easternmost."""
     opposite = {"north": "south", "south": "north", "east": "west", "west": "east", "left": "right", "right": "left"}
-    if spot != "wall":
-        raise CommandError("")
+    no_reading_if(spot != "wall")
     return (Part("order", opposite[side] if far else side),)
 
 
-@_rule("relation", "n:ORD? DET? (NEAREST | far:FARTHEST AWAY?) (_here | ONE)?", "NEAR HERE")
-def _nearest_here(n: int = 0, far: str = "") -> Parts:
-    return (*(_ranked(n) if n else ()), Part("order", "far" if far else "near"))
-
-
-@_rule("relation", "NEARBY")
-def _nearby() -> Parts:
-    return _filter('near({}, "robot", 3)')
+_rule("relation", "n:ORD? DET? (NEAREST | far:FARTHEST AWAY?) (_here | ONE)?", "NEAR HERE")(
+    lambda n=0, far="": (*(_ranked(n) if n else ()), Part("order", "far" if far else "near"))
+)
+_rule("relation", "NEARBY")(lambda: _filter('near({}, "robot", 3)'))
 
 
 @_rule("relation", "IN? ELSEWHERE")
@@ -968,28 +852,14 @@ def _elsewhere() -> Parts:
     return _filter("minus({}, inside({}, room()))")
 
 
-@_rule("relation", "ABREAST")
-def _abreast() -> Parts:
-    return (Part("abreast", "together"),)
-
-
-@_rule("relation", "(FROM | TO)? HERE | EXIST HERE? | (IN | ON | OF) DET* MAP")
-def _anywhere() -> Parts:
-    return ()
-
-
-@_rule("relation", "ON det:DET place:MAP", cost=-0.05)
-def _on_the_floor(det: str, place: str) -> Parts:
-    """Read "the plant that stands on the floor": on nothing else."""
-    if (det, place) != ("the", "floor"):
-        raise CommandError("")
-    return _filter('at({}, "floor")')
-
-
-@_rule("relation", "OUTSIDE room")
-def _outside(room: Phrase) -> Parts:
-    """Read "how many laptops are outside of the office"."""
-    return _filter(f"minus({{}}, inside({{}}, {room.text}))", room)
+_rule("relation", "ABREAST")(lambda: (Part("abreast", "together"),))
+_rule("relation", "(FROM | TO)? HERE | EXIST HERE? | (IN | ON | OF) DET* MAP")(lambda: ())
+# "the plant that stands on the floor": on nothing else
+_rule("relation", "ON det:DET place:MAP", cost=-0.05)(
+    lambda det, place: no_reading() if (det, place) != ("the", "floor") else _filter('at({}, "floor")')
+)
+# "how many laptops are outside of the office"
+_rule("relation", "OUTSIDE room")(lambda room: _filter(f"minus({{}}, inside({{}}, {room.text}))", room))
 
 
 @_rule("relation", "ANYWHERE? IN here:HERE")
@@ -1011,22 +881,14 @@ def _inside(room: Phrase, more: Phrase | None = None) -> Parts:
     return _filter(f"inside({{}}, {room.text})", room)
 
 
-@_rule("post", "COMMA DET side SIDE? ONE", cost=0.1)
-def _the_left_one(side: str) -> Parts:
-    """Read "the chair at the table, the left one"."""
-    return (Part("order", side),)
-
-
-@_rule("post", "COMMA? DET (adjective:size | key) ONE? (OF (DET | BOTH | EVERY)* (_number | IT)?)?", cost=0.1)
-def _the_larger(adjective: Parts = (), key: str = "") -> Parts:
-    """Read "the suitcase on the sofa, the larger of the two"."""
-    return adjective or (Part("order", key),)
-
-
-@_rule("post", "COMMA (AT | ON) DET side (SIDE | END)", cost=0.1)
-def _on_which_side_of_it(side: str) -> Parts:
-    """Read "the chair at the head of the table, on the north side": of those the northernmost."""
-    return (Part("order", side),)
+# "the chair at the table, the left one"
+_rule("post", "COMMA DET side SIDE? ONE", cost=0.1)(lambda side: (Part("order", side),))
+# "the suitcase on the sofa, the larger of the two"
+_rule("post", "COMMA? DET (adjective:size | key) ONE? (OF (DET | BOTH | EVERY)* (_number | IT)?)?", cost=0.1)(
+    lambda adjective=(), key="": adjective or (Part("order", key),)
+)
+# "the chair at the head of the table, on the north side": of those the northernmost
+_rule("post", "COMMA (AT | ON) DET side (SIDE | END)", cost=0.1)(lambda side: (Part("order", side),))
 
 
 @_rule("post", "COMMA &(IN _room_too) relation", cost=0.1)
@@ -1043,44 +905,32 @@ def _the_red_one(adjective: Parts, post: Sequence[Parts] = (), one: float = 0) -
     return (*said, *_flat(post), *((Part("single"),) if one else ()))
 
 
-@_rule(
+# "the chair, it is by the window", "the desk. It must not be red", "the desk, it has a plant on it"
+_rule(
     "post",
     "(COMMA | STOP | BUT)+ IT (IS | negation:NOT)+ (relation | adjective | DET adjective ONE)",
     "(COMMA | STOP | BUT)+ IT &(WITH | WITHOUT) relation",
     "(COMMA | STOP)+ NEED DET adjective ONE",
     cost=0.2,
+)(
+    lambda relation=(), adjective=(), negation=(): (
+        tuple(_negated(part) for part in (*relation, *adjective)) if negation else (*relation, *adjective)
+    )
 )
-def _and_it_is(relation: Parts = (), adjective: Parts = (), negation: Sequence[str] = ()) -> Parts:
-    """Read "the chair, it is by the window", "the desk. It must not be red", "the desk, it has a plant on it"."""
-    return tuple(_negated(part) for part in (*relation, *adjective)) if negation else (*relation, *adjective)
-
-
-@_rule("post", "(COMMA | STOP)+ exist:EXIST np (ON | AT | UNDER | NEAR) IT", cost=0.2)
-def _and_there_is(exist: str, np: Phrase) -> Parts:
-    """Read "the desk, there is a laptop on it"."""
-    if not exist.startswith("there"):  # "go to the desk. Is there a laptop on it?"
-        raise CommandError("")
-    return _having(np)
-
-
-@_rule("post", "COMMA DET pre* name:NOUN !(COMMA? (AND | OR) | COMMA DET)", cost=0.1)
-def _also_called(name: Noun, pre: Sequence[Parts] = ()) -> Parts:
-    """Read "the footstool, the little ottoman": one thing by two names."""
-    return (Part("alias", name.spoken, name.label), *_flat(pre))
-
-
-@_rule("post", "COMMA said:INDEF pre* name:NOUN", cost=-0.2)
-def _any_of_them(said: str, name: Noun, pre: Sequence[Parts] = ()) -> Parts:
-    """Read "a chair, any chair"."""
-    if said != "any":
-        raise CommandError("")
-    return (Part("alias", "", name.label), *_flat(pre))
-
-
-@_rule("relation", "COMMA? INCLUDING np", "COMMA np INCLUDED")
-def _including(np: Phrase) -> Parts:
-    """Read "the smallest table, coffee tables included"."""
-    return _filter(f"union({{}}, {np.base})", np)
+# "the desk, there is a laptop on it"; not "go to the desk. Is there a laptop on it?"
+_rule("post", "(COMMA | STOP)+ exist:EXIST np (ON | AT | UNDER | NEAR) IT", cost=0.2)(
+    lambda exist, np: no_reading() if not exist.startswith("there") else _having(np)
+)
+# "the footstool, the little ottoman": one thing by two names
+_rule("post", "COMMA DET pre* name:NOUN !(COMMA? (AND | OR) | COMMA DET)", cost=0.1)(
+    lambda name, pre=(): (Part("alias", name.spoken, name.label), *_flat(pre))
+)
+# "a chair, any chair"
+_rule("post", "COMMA said:INDEF pre* name:NOUN", cost=-0.2)(
+    lambda said, name, pre=(): no_reading() if said != "any" else (Part("alias", "", name.label), *_flat(pre))
+)
+# "the smallest table, coffee tables included"
+_rule("relation", "COMMA? INCLUDING np", "COMMA np INCLUDED")(lambda np: _filter(f"union({{}}, {np.base})", np))
 
 
 @_rule("relation", "ON DET* SIDE FACING HERE", cost=-0.2)
@@ -1090,28 +940,16 @@ def _on_near_side() -> Parts:
     return (*_in_front(thing), *_close(thing))
 
 
-@_rule("post", "said:CLAUSE", cost=1.0)
-def _said_of_it(said: str) -> Parts:
-    """Read "the tub where one takes a bath": whatever that means, it is no choice where one is left."""
-    return (Part("vague", said),)
-
-
-@_rule("post", "COMMA DET room ONE !(ORD | LASTLY)", cost=-0.1)
-def _the_room_one(room: Phrase) -> Parts:
-    """Read "the bin, the bedroom one"."""
-    return _inside(room)
-
-
-@_rule("post", "COMMA DET ONE (OF IT)? post", cost=0.29)
-def _the_outer_one(post: Parts) -> Parts:
-    """Read "the chair at the table, the one farther from you": of the chairs rather than of the tables."""
-    return (*(replace(part, outer=True) for part in post), Part("single"))
-
-
-@_rule("post", "COMMA? (IT IS)? DET ONE post", cost=0.3)
-def _the_one(post: Parts) -> Parts:
-    """Read "the table, the one in this room"."""
-    return post
+# "the tub where one takes a bath": whatever that means, it is no choice where one is left
+_rule("post", "said:CLAUSE", cost=1.0)(lambda said: (Part("vague", said),))
+# "the bin, the bedroom one"
+_rule("post", "COMMA DET room ONE !(ORD | LASTLY)", cost=-0.1)(_inside)
+# "the chair at the table, the one farther from you": of the chairs rather than of the tables
+_rule("post", "COMMA DET ONE (OF IT)? post", cost=0.29)(
+    lambda post: (*(replace(part, outer=True) for part in post), Part("single"))
+)
+# "the table, the one in this room"
+_rule("post", "COMMA? (IT IS)? DET ONE post", cost=0.3)(lambda post: post)
 
 
 @_rule("relation", "IN DET* SAME ROOM (AS np)?", cost=-0.1)
@@ -1131,14 +969,12 @@ def _spot(spot: str, room: Phrase | None = None, far: str = "") -> Parts:
     return (*inside, *_filter(f'at({{}}, "{spot}")'), *((Part("order", "far"),) if far else ()))
 
 
-@_rule(
+# "the sofa by the east wall": of those at a wall the easternmost
+_rule(
     "relation",
     "(AT | BY | NEAR | ON | IN) DET* ((side | side:MOST) spot:SPOT | spot:SPOT TO? DET? side) ((OF | IN) room)?",
     cost=-0.1,
-)
-def _spot_of_side(side: str, spot: str, room: Phrase | None = None) -> Parts:
-    """Read "the sofa by the east wall": of those at a wall the easternmost."""
-    return (*_spot(spot, room), Part("order", side, number=2))
+)(lambda side, spot, room=None: (*_spot(spot, room), Part("order", side, number=2)))
 
 
 @_rule("relation", "IS? DET? key:MORE THAN distance", cost=-0.2)
@@ -1151,11 +987,9 @@ def _more_than(key: str, distance: Any) -> Parts:
     return _filter(f'sized({{}}, "{key}", {distance.text})')
 
 
-@_rule("relation", "IS? DET? key:MORE THAN n:amount SQUAREMETRES", cost=-0.3)
-def _larger_than(key: str, n: float) -> Parts:
-    if key not in ("large", "small"):
-        raise CommandError("")
-    return _filter(f'sized({{}}, "{key}", {n:g})')
+_rule("relation", "IS? DET? key:MORE THAN n:amount SQUAREMETRES", cost=-0.3)(
+    lambda key, n: no_reading() if key not in ("large", "small") else _filter(f'sized({{}}, "{key}", {n:g})')
+)
 
 
 @_rule("relation", "(MORETHAN | less:LESSTHAN) distance AWAY? (FROM (np | HERE))?", cost=-0.2)
@@ -1184,20 +1018,14 @@ def _having_no_more(n: int, np: Phrase, only: str = "", most: str = "", few: str
     return _filter(f"minus({some}, having({{}}, {np.argument}, {n + (not few)}))", np)
 
 
-@_rule(
+_rule(
     "relation",
     "WITH BOTH a:np AND b:np _on_it? | WITH a:np AND !(DET | INDEF | EVERY | _number) b:np _on_it? | "
     "WITH a:np _on_it? AND b:np _on_it | WITH a:np _on_it AND b:np | "
     "WHERE a:np AND b:np IS+",
     cost=-0.3,
-)
-def _having_both(a: Phrase, b: Phrase) -> Parts:
-    return _filter(f"having(having({{}}, {a.argument}), {b.argument})", a, b)
-
-
-@_rule("relation", "WITH ITS pre* noun")
-def _having_its(noun: Noun, pre: Sequence[Parts] = ()) -> Parts:
-    return _having(select(noun, _flat(pre)))
+)(lambda a, b: _filter(f"having(having({{}}, {a.argument}), {b.argument})", a, b))
+_rule("relation", "WITH ITS pre* noun")(lambda noun, pre=(): _having(select(noun, _flat(pre))))
 
 
 @_rule(
@@ -1219,29 +1047,19 @@ def _such(np: Phrase) -> Phrase:
     return replace(np, text=SUCH) if np.text == ONE else np
 
 
-@_rule("relation", "(WITH | WHERE IS+) n:whole a:np _on_it? AND b:np _on_it?", cost=-1.0)
-def _having_some_and(n: int, a: Phrase, b: Phrase) -> Parts:
-    """Read "with five chairs around it and a vase on it"."""
-    return (*_having_some(n, a), *_having(b))
-
-
-@_rule("relation", "WITH np (IS | HANG)? ON IT?", cost=-0.1)
-def _having_on(np: Phrase) -> Parts:
-    """Read "the desk with a plant on it": not with one beside it."""
-    if np.text == IT or np.many:
-        raise CommandError("")
-    return _filter(f"under({{}}, {_such(np).argument})", np)
-
-
-@_rule("relation", "WITH np UNDER IT?", cost=-0.1)
-def _having_under(np: Phrase) -> Parts:
-    """Read "the desk with a backpack under it"."""
-    return _filter(f"having({{}}, under({np.argument}, {{}}))", np)
-
-
-@_rule("relation", "WITH key:numerous np _on_it?", cost=-0.3)
-def _most(key: str, np: Phrase) -> Parts:
-    return (Part("order", key, np.argument, phrase=np),)
+# "with five chairs around it and a vase on it"
+_rule("relation", "(WITH | WHERE IS+) n:whole a:np _on_it? AND b:np _on_it?", cost=-1.0)(
+    lambda n, a, b: (*_having_some(n, a), *_having(b))
+)
+# "the desk with a plant on it": not with one beside it
+_rule("relation", "WITH np (IS | HANG)? ON IT?", cost=-0.1)(
+    lambda np: no_reading() if np.text == IT or np.many else _filter(f"under({{}}, {_such(np).argument})", np)
+)
+# "the desk with a backpack under it"
+_rule("relation", "WITH np UNDER IT?", cost=-0.1)(lambda np: _filter(f"having({{}}, under({np.argument}, {{}}))", np))
+_rule("relation", "WITH key:numerous np _on_it?", cost=-0.3)(
+    lambda key, np: (Part("order", key, np.argument, phrase=np),)
+)
 
 
 @_rule("relation", "WITHOUT np _on_it?", "WHERE NUMBER np IS+", "WITH NEITHER np NOR more:np _on_it?")
@@ -1262,57 +1080,27 @@ def _but_without(np: Phrase, more: Sequence[Phrase] = ()) -> Parts:
     return tuple(p for one in (np, *more) for p in _filter(f"without({{}}, {one.argument})", one, outer=True))
 
 
-@_rule("relation", "WITH a:np BUTNO b:np (COMMA? (NUMBER | OR | NOR) more:np)* _on_it?", cost=-0.3)
-def _having_but_no(a: Phrase, b: Phrase, more: Sequence[Phrase] = ()) -> Parts:
-    """Read "a room with a ball and no bed, no tv"."""
-    return (*_having(a), *(replace(part, outer=False) for part in _but_without(b, more)))
-
-
-@_rule("post", "(COMMA | BUT)? DET OTHER ONE", "(COMMA | BUT)+ DET OTHER", cost=0.3)
-def _and_the_other() -> Parts:
-    """Read "the bed, not the big one, the other one"."""
-    return (Part("other", number=1),)
-
-
-@_rule("relation", "EXCEPT DET OTHER ONE", cost=-0.6)
-def _but_the_other() -> Parts:
-    return (Part("other"),)
-
-
-@_rule("relation", "WITH ANYTHING _on_it", cost=-0.3)
-def _laden() -> Parts:
-    return _filter("minus({}, empty({}))")
-
-
+# "a room with a ball and no bed, no tv"
+_rule("relation", "WITH a:np BUTNO b:np (COMMA? (NUMBER | OR | NOR) more:np)* _on_it?", cost=-0.3)(
+    lambda a, b, more=(): (*_having(a), *(replace(part, outer=False) for part in _but_without(b, more)))
+)
+# "the bed, not the big one, the other one"
+_rule("post", "(COMMA | BUT)? DET OTHER ONE", "(COMMA | BUT)+ DET OTHER", cost=0.3)(lambda: (Part("other", number=1),))
+_rule("relation", "EXCEPT DET OTHER ONE", cost=-0.6)(lambda: (Part("other"),))
+_rule("relation", "WITH ANYTHING _on_it", cost=-0.3)(lambda: _filter("minus({}, empty({}))"))
 GRAMMAR.words("_on_it", "(IS | HANG)? (ON | NEAR | AT | AROUND | BY | IN | OVER | TO) IT?")
 GRAMMAR.words("_is", "(THAT | IS | EXIST | HANG)+")
-
-
-@_rule("post", "(_is DET?)? relation")
-def _related(relation: Parts) -> Parts:
-    return relation
-
-
-@_rule("post", "_is? NOT DET? relation (BUT so:relation)?")
-def _not_related(relation: Parts, so: Parts = ()) -> Parts:
-    return (*(_negated(part) for part in relation), *so)
-
-
-@_rule("post", "_is adjective", "_is DET? adjective:size (ONE | OF EVERY)?")
-def _that_is(adjective: Parts) -> Parts:
-    return adjective
-
-
-@_rule("post", "_is NOT np", cost=0.1)
-def _is_no(np: Phrase) -> Parts:
-    """Read "things that are not chairs"."""
-    return _filter(f"minus({{}}, {np.whole or np.text})", np, outer=True)
-
-
-@_rule("post", "(COMMA | AND | BUT)+ NOTHING relation", cost=0.1)
-def _and_none_there(relation: Parts) -> Parts:
-    """Read "a chair, none of the black ones and none outside the office"."""
-    return tuple(replace(_negated(part), outer=True) for part in relation)
+_rule("post", "(_is DET?)? relation")(lambda relation: relation)
+_rule("post", "_is? NOT DET? relation (BUT so:relation)?")(
+    lambda relation, so=(): (*(_negated(part) for part in relation), *so)
+)
+_rule("post", "_is adjective", "_is DET? adjective:size (ONE | OF EVERY)?")(lambda adjective: adjective)
+# "things that are not chairs"
+_rule("post", "_is NOT np", cost=0.1)(lambda np: _filter(f"minus({{}}, {np.whole or np.text})", np, outer=True))
+# "a chair, none of the black ones and none outside the office"
+_rule("post", "(COMMA | AND | BUT)+ NOTHING relation", cost=0.1)(
+    lambda relation: tuple(replace(_negated(part), outer=True) for part in relation)
+)
 
 
 @_rule("post", "(AND | COMMA | BUT)+ (THAT | IS)* NOT (relation | adjective)")
@@ -1322,15 +1110,13 @@ def _but_none(relation: Parts = (), adjective: Parts = ()) -> Parts:
     return tuple(_negated(part) for part in (*relation, *adjective))
 
 
-@_rule("post", "COMMA? (AND | BUT)? ONLY DET* (relation | adjective+ ONES? | (ONES | ONE) post+)", cost=-0.1)
-def _only(relation: Parts = (), adjective: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Parts:
-    """Read "every chair, but only the red ones"."""
-    return (*relation, *_flat((*adjective, *post)))
-
-
-@_rule("post", "_is? NEITHER (a:adjective | a:relation) NOR (b:adjective | b:relation)")
-def _neither(a: Parts, b: Parts) -> Parts:
-    return tuple(_negated(part) for part in (*a, *b))
+# "every chair, but only the red ones"
+_rule("post", "COMMA? (AND | BUT)? ONLY DET* (relation | adjective+ ONES? | (ONES | ONE) post+)", cost=-0.1)(
+    lambda relation=(), adjective=(), post=(): (*relation, *_flat((*adjective, *post)))
+)
+_rule("post", "_is? NEITHER (a:adjective | a:relation) NOR (b:adjective | b:relation)")(
+    lambda a, b: tuple(_negated(part) for part in (*a, *b))
+)
 
 
 @_rule("post", "STOP EXCEPT TO? &(DET _described? ONE) targets", cost=0.2)
@@ -1360,16 +1146,10 @@ def _except(targets: tuple[Phrase, ...], said: str = "", relation: Sequence[Part
     return (part,)
 
 
-@_rule("post", "(COMMA | AND | BUT | STOP)+ targets NOTCOUNTED")
-def _not_counted(targets: tuple[Phrase, ...]) -> Parts:
-    """Read "the closest chair, and grey ones don't count"."""
-    return _except(targets, "except")
-
-
-@_rule("post", "COMMA ONLY room", cost=-0.3)
-def _only_in(room: Phrase) -> Parts:
-    """Read "how many cups are there, only the kitchen?"."""
-    return _inside(room)
+# "the closest chair, and grey ones don't count"
+_rule("post", "(COMMA | AND | BUT | STOP)+ targets NOTCOUNTED")(lambda targets: _except(targets, "except"))
+# "how many cups are there, only the kitchen?"
+_rule("post", "COMMA ONLY room", cost=-0.3)(_inside)
 
 
 _NEGATIONS: Final = ("not", "but not", "and not", "only not")
@@ -1416,10 +1196,8 @@ def _unknown(word: Sequence[str]) -> Noun:
     return Noun(singular(said), singular(said), False, count=0)
 
 
-@_rule("pre", "word:WORD", cost=1.0)
-def _vague(word: str) -> Parts:
-    """Read "the squeaky chair": whatever that means, it is no choice where one is left."""
-    return (Part("vague", _named([word])),)
+# "the squeaky chair": whatever that means, it is no choice where one is left
+_rule("pre", "word:WORD", cost=1.0)(lambda word: (Part("vague", _named([word])),))
 
 
 def _named(word: Sequence[str]) -> str:
@@ -1429,9 +1207,7 @@ def _named(word: Sequence[str]) -> str:
     return said
 
 
-@_rule("noun", "ANYTHING", cost=0.1)
-def _whatever() -> Noun:
-    return Noun("thing", "anything")
+_rule("noun", "ANYTHING", cost=0.1)(lambda: Noun("thing", "anything"))
 
 
 @_rule("thing", "_dets pre* noun numbered? post*")
@@ -1439,21 +1215,18 @@ def _one(noun: Noun, pre: Sequence[Parts] = (), numbered: Parts = (), post: Sequ
     return select(noun, (*_flat(pre), *numbered, *_flat(post)))
 
 
-@_rule("thing", "_dets pre* noun (adjective | adjective:size) post*", cost=0.5)
-def _behind_its_noun(noun: Noun, adjective: Parts, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
-    """Read "the table big", as people with other first languages say."""
-    return select(noun, (*_flat(pre), *adjective, *_flat(post)))
-
-
-@_rule("thing", "EVERY (OF | DET)* pre* noun post*")
-def _every(noun: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
-    return select(noun, (*_flat(pre), *_flat(post)), every=True)
+# "the table big", as people with other first languages say
+_rule("thing", "_dets pre* noun (adjective | adjective:size) post*", cost=0.5)(
+    lambda noun, adjective, pre=(), post=(): select(noun, (*_flat(pre), *adjective, *_flat(post)))
+)
+_rule("thing", "EVERY (OF | DET)* pre* noun post*")(
+    lambda noun, pre=(), post=(): select(noun, (*_flat(pre), *_flat(post)), every=True)
+)
 
 
 @_rule("thing", "BOTH (OF | DET)* pre* noun post*")
 def _both(noun: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
-    if noun.known and not noun.is_plural:  # "both the sofa and the lamp"
-        raise CommandError("")
+    no_reading_if(noun.known and not noun.is_plural)  # "both the sofa and the lamp"
     return select(noun, (Part("count", number=2), *_flat(pre), *_flat(post)), every=True)
 
 
@@ -1463,8 +1236,7 @@ _CLOSEST_BESIDE: Final = re.compile(r"^nearest\((near\(.*, (?:the\(things\()?(.+
 @_rule("thing", "_dets outer:pre+ ONE? (OF | (OF (DET | EVERY)+)) pre* noun post*", cost=0.1)
 def _part_of(noun: Noun, outer: Sequence[Parts], pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
     """Read "the second of the chairs in view", "two of the red chairs", "the left one of the two"."""
-    if not noun.is_plural:
-        raise CommandError("")
+    no_reading_if(not noun.is_plural)
     inner = tuple(part for part in _flat(pre) if part.kind != "count")
     parts = (*_flat(outer), *inner, *_flat(post))
     several = any(part.kind == "count" and part.number > 1 for part in parts)
@@ -1477,29 +1249,23 @@ def _part_of(noun: Noun, outer: Sequence[Parts], pre: Sequence[Parts] = (), post
 @_rule("thing", "THAT ONE? &(WITH | WHERE | THAT | ON | IN | NEAR | BY | UNDER) post+", cost=0.5)
 @_rule("thing", "_dets pre* ONE (OF IT)? post*", "_dets pre* ones:ONES post*", cost=0.3)
 def _same_name(pre: Sequence[Parts] = (), post: Sequence[Parts] = (), ones: str = "") -> Phrase:
-    if any(part.kind == "other" and part.number for part in _flat(post)):  # "not the big one, the other one"
-        raise CommandError("")
+    no_reading_if(any(part.kind == "other" and part.number for part in _flat(post)))  # "not the big one, the other one"
     return replace(select(None, (*_flat(pre), *_flat(post)), every=bool(ones)), among=True)
 
 
 @_rule("thing", "_dets outer:pre+ ONE? OF (IT | DET _number | DET+ pre+ ONES) !(NOUN | NOUNS | COLOR | SIZE)", cost=0.1)
 def _chosen_of_them(outer: Sequence[Parts], pre: Sequence[Parts] = ()) -> Phrase:
     """Read "the larger of the two", "the nearest of the red ones"."""
-    if not any(part.kind == "order" for part in _flat(outer)):
-        raise CommandError("")
+    no_reading_if(not any(part.kind == "order" for part in _flat(outer)))
     return _same_name((*outer, *pre))
 
 
-@_rule("np", "ONE &(ON | IN | AT | BY | NEAR | UNDER | WITH) post+", cost=0.2)
-def _one_such(post: Sequence[Parts]) -> Phrase:
-    """Read "a chair, not one at the counter"."""
-    return replace(select(None, _flat(post)), among=True, any=True, penalty=0.0)
-
-
-@_rule("thing", "_dets room ONE post*", cost=0.2)
-def _of_room_one(room: Phrase, post: Sequence[Parts] = ()) -> Phrase:
-    """Read "both bins, the kitchen one last"."""
-    return select(None, (*_inside(room), *_flat(post)))
+# "a chair, not one at the counter"
+_rule("np", "ONE &(ON | IN | AT | BY | NEAR | UNDER | WITH) post+", cost=0.2)(
+    lambda post: replace(select(None, _flat(post)), among=True, any=True, penalty=0.0)
+)
+# "both bins, the kitchen one last"
+_rule("thing", "_dets room ONE post*", cost=0.2)(lambda room, post=(): select(None, (*_inside(room), *_flat(post))))
 
 
 @_rule("thing", "_dets ONE _at DET* (side SIDE? | MIDDLE)", cost=-0.1)
@@ -1511,17 +1277,14 @@ def _of_them_on(side: str = "middle") -> Phrase:
 
 @_rule("thing", "(DET+ | &ORD | &_room_too) pre+ !OF post*", cost=0.9)
 def _elided(pre: Sequence[Parts], post: Sequence[Parts] = ()) -> Phrase:
-    if any(part.kind == "vague" for part in _flat(pre)):
-        raise CommandError("")
+    no_reading_if(any(part.kind == "vague" for part in _flat(pre)))
     if not post and all(part.kind == "order" and part.text in _SIDES[2:6] for part in _flat(pre)):  # "in the south"
         raise CommandError("")
     return select(None, (*_flat(pre), *_flat(post)))
 
 
-@_rule("thing", "DET+ side:MOST !OF", cost=0.9)
-def _outermost_one(side: str) -> Phrase:
-    """Read "the westernmost, then the easternmost"."""
-    return select(None, [Part("order", side)])
+# "the westernmost, then the easternmost"
+_rule("thing", "DET+ side:MOST !OF", cost=0.9)(lambda side: select(None, [Part("order", side)]))
 
 
 @_rule("thing", "_dets pre* of:NOUN POSS? (noun:NOUN | noun:NOUNS) post*", cost=0.6)
@@ -1543,16 +1306,15 @@ def _for_so_many(
     """Read "a table for six", "... for six people": one with as many seats."""
     people = re.fullmatch(r'nearest\(\w+\("(?:person|people)"\), (\d+)\)', np.text) if np else None
     number = int(people[1]) if people else n
-    if not number or noun.spoken.split()[-1] not in ("table", "desk"):
-        raise CommandError("")
+    no_reading_if(not number or noun.spoken.split()[-1] not in ("table", "desk"))
     seats = Phrase('things("seat")', 'things("seat")', "seat", True)
     return select(noun, (*_flat(pre), *_having_some(number, seats), *_flat(post)))
 
 
-@_rule("thing", "ITS pre* noun post*")
-def _its(noun: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
-    """Read "the sofa and its table"."""
-    return select(noun, (*_flat(pre), Part("near", IT), *_flat(post)))
+# "the sofa and its table"
+_rule("thing", "ITS pre* noun post*")(
+    lambda noun, pre=(), post=(): select(noun, (*_flat(pre), Part("near", IT), *_flat(post)))
+)
 
 
 @_rule("thing", "THAT noun", cost=0.1)
@@ -1562,19 +1324,17 @@ def _that(noun: Noun) -> Phrase:
     return replace(found, text=f"‹that {found.word}|{found.base}›", whole="")
 
 
-@_rule("thing", "that:THAT pre+ noun post*", "that:THAT noun post+", cost=0.2)
-def _that_one(that: str, noun: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
-    """Read "that huge teddy"."""
-    if that != "that":  # "which couch is larger"
-        raise CommandError("")
-    return _one(noun, pre, (), post)
+# "that huge teddy"; not "which couch is larger"
+_rule("thing", "that:THAT pre+ noun post*", "that:THAT noun post+", cost=0.2)(
+    lambda that, noun, pre=(), post=(): no_reading() if that != "that" else _one(noun, pre, (), post)
+)
 
 
-@_rule("thing", "_dets pre* room noun", cost=0.7)
+@_rule("thing", "_dets pre* room noun (&(COMMA? EXCEPT | WITH) post)*", cost=0.7)
 @_rule("thing", "_dets pre* noun room", cost=0.4)
-def _of_room(noun: Noun, room: Phrase, pre: Sequence[Parts] = ()) -> Phrase:
+def _of_room(noun: Noun, room: Phrase, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
     """Read "windows living room", "the café counter"."""
-    return select(noun, (*_flat(pre), *_inside(room)))
+    return select(noun, (*_flat(pre), *_inside(room), *_flat(post)))
 
 
 @_rule(
@@ -1585,10 +1345,10 @@ def _it(it: str = "", whole: int = 0) -> Phrase:
     return Phrase(IT, ONE, "it" if it in ("it", "there") else "thing")
 
 
-@_rule("thing", "key:WHICHEVER (TO? HERE)?", cost=0.1)
-def _whichever_is(key: str) -> Phrase:
-    """Read "there are two bags. Take whichever is nearer"."""
-    return replace(select(None, [Part("order", key)]), among=True)
+# "there are two bags. Take whichever is nearer"
+_rule("thing", "key:WHICHEVER (TO? HERE)?", cost=0.1)(
+    lambda key: replace(select(None, [Part("order", key)]), among=True)
+)
 
 
 @_rule("thing", "WHATEVER np IS+ (ON | IN | AT)", cost=-0.2)
@@ -1598,20 +1358,12 @@ def _what_it_is_on(np: Phrase) -> Phrase:
     return select(Noun("thing", "anything"), (*below, Part("order", "small")))
 
 
-@_rule("thing", "WHATEVER (THAT | IS | EXIST)* post+", cost=0.1)
-def _whatever_is(post: Sequence[Parts]) -> Phrase:
-    """Read "whatever is standing on the nightstand"."""
-    return select(Noun("thing", "anything"), _flat(post))
-
-
 @_rule("np", "thing")
 def _np(thing: Phrase) -> Phrase:
     return replace(thing, penalty=0.0)
 
 
-@_rule("np", "room", cost=0.05)
-def _np_room(room: Phrase) -> Phrase:
-    return room
+_rule("np", "room", cost=0.05)(lambda room: room)
 
 
 @_rule("np", "(INDEF | ONE) pre+ noun post*", cost=-0.1)
@@ -1624,9 +1376,7 @@ def _any_such(noun: Noun, pre: Sequence[Parts], post: Sequence[Parts] = ()) -> P
     return replace(select(noun, parts), any=True, penalty=0.0)
 
 
-@_rule("np", "(INDEF | ONE) thing", cost=-0.05)
-def _any(thing: Phrase) -> Phrase:
-    return replace(thing, any=True, penalty=0.0)
+_rule("np", "(INDEF | ONE) thing", cost=-0.05)(lambda thing: replace(thing, any=True, penalty=0.0))
 
 
 @_rule("np", "EITHER? thing (COMMA more:thing)* COMMA? OR TO? AT? last:thing", cost=0.1)
@@ -1645,9 +1395,7 @@ def _whichever(a: Phrase, b: Phrase, key: str) -> Phrase:
     return replace(both, text=f'first(order({both.text}, "{key}"))', many=False)
 
 
-@_rule("np", "EITHER OF? thing")
-def _either_one(thing: Phrase) -> Phrase:
-    return replace(thing, any=True, many=False)
+_rule("np", "EITHER OF? thing")(lambda thing: replace(thing, any=True, many=False))
 
 
 @_rule("pair", "a:thing AND b:thing")
@@ -1676,17 +1424,7 @@ def _two(n: Phrase) -> tuple[Phrase, Phrase]:
     return replace(n, text=f"nth({n.text}, 1)", many=False), replace(n, text=f"nth({n.text}, 2)", many=False)
 
 
-@_rule("targets", "np")
-def _target(np: Phrase) -> tuple[Phrase, ...]:
-    return (np,)
-
-
-@_rule("targets", "name:NOUNS NUMBER? first:whole ((COMMA | AND)+ n:whole)+", cost=-0.2)
-def _numbers(name: Noun, first: int, n: tuple[int, ...]) -> tuple[Phrase, ...]:
-    """Read "chairs 1 and 3"."""
-    return tuple(select(replace(name, is_plural=False), _numbered(one)) for one in (first, *n))
-
-
+_rule("targets", "np")(lambda np: (np,))
 _rule("joint", "COMMA")(lambda: False)
 _rule("joint", "COMMA? AND (COMMA | AND)*")(lambda: True)
 
@@ -1726,22 +1464,18 @@ def _named_room(name: str, n: float | None = None) -> Phrase:
     return Phrase(f"room({called})", f"rooms({called})", name, whole=f"rooms({called})")
 
 
-@_rule("room", "ROOM NUMBER? n:whole")
-def _numbered_room(n: int) -> Phrase:
-    return Phrase(f'room("room {n}")', "rooms()", "room")
+@_rule("room", "_dets (noun:NOUN | name:MAP) ROOM")
+def _room_for(noun: Noun | None = None, name: str = "") -> Phrase:
+    """Read "the printer room": that where the printer is, and "the shop room" by its name."""
+    return _room_of(select(noun, ())) if noun and noun.known else _named_room(f"{noun.spoken if noun else name} room")
 
 
-@_rule("room", "that:THAT ROOM", cost=-0.1)
-def _that_room(that: str) -> Phrase:
-    """Read "that room": what was named last, or where that is."""
-    if that != "that":
-        raise CommandError("")
-    return Phrase(f"room({IT})", "rooms()", "room")
-
-
-@_rule("room", "_dets ROOM", "_dets SAME ROOM")
-def _this_room() -> Phrase:
-    return Phrase("room()", "rooms()", "room", whole="rooms()")
+_rule("room", "ROOM NUMBER? n:whole")(lambda n: Phrase(f'room("room {n}")', "rooms()", "room"))
+# "that room": what was named last, or where that is
+_rule("room", "that:THAT ROOM", cost=-0.1)(
+    lambda that: no_reading() if that != "that" else Phrase(f"room({IT})", "rooms()", "room")
+)
+_rule("room", "_dets ROOM", "_dets SAME ROOM")(lambda: Phrase("room()", "rooms()", "room", whole="rooms()"))
 
 
 @_rule("room", "_dets OTHER (ROOM | name:ROOMKIND)", "_dets ROOM NEXTDOOR", cost=-0.3)
@@ -1779,26 +1513,20 @@ def _room_told(name: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()
     return select(name, parts)
 
 
-@_rule("room", "ONE OF DET* _number? name:ROOMKIND", cost=-0.3)
-def _some_such_room(name: str) -> Phrase:
-    return Phrase(f"rooms({quoted(name)})", f"rooms({quoted(name)})", name)
-
-
-@_rule("room", "_dets FULL name:ROOMKIND", cost=-0.2)
-def _whole_room(name: str) -> Phrase:
-    """Read "the whole office": each room of that name."""
-    return Phrase(f"rooms({quoted(name)})", f"rooms({quoted(name)})", name)
-
-
-@_rule("room", "_dets OTHER whole ROOMS", cost=-0.3)
-def _other_rooms(whole: int) -> Phrase:
-    """Read "in the other two rooms": that many others are there."""
-    return Phrase(f'nearest(rooms("other"), {whole})', "rooms()", "room", True)
-
-
-@_rule("room", "(EVERY | BOTH) (OF | DET)* name:ROOMKIND", cost=0.1)
-def _every_such_room(name: str) -> Phrase:
-    return Phrase(f"rooms({quoted(name)})", f"rooms({quoted(name)})", name, True)
+_rule("room", "ONE OF DET* _number? name:ROOMKIND", cost=-0.3)(
+    lambda name: Phrase(f"rooms({quoted(name)})", f"rooms({quoted(name)})", name)
+)
+# "the whole office": each room of that name
+_rule("room", "_dets FULL name:ROOMKIND", cost=-0.2)(
+    lambda name: Phrase(f"rooms({quoted(name)})", f"rooms({quoted(name)})", name)
+)
+# "in the other two rooms": that many others are there
+_rule("room", "_dets OTHER whole ROOMS", cost=-0.3)(
+    lambda whole: Phrase(f'nearest(rooms("other"), {whole})', "rooms()", "room", True)
+)
+_rule("room", "(EVERY | BOTH) (OF | DET)* name:ROOMKIND", cost=0.1)(
+    lambda name: Phrase(f"rooms({quoted(name)})", f"rooms({quoted(name)})", name, True)
+)
 
 
 @_rule(

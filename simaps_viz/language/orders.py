@@ -7,6 +7,7 @@ from itertools import pairwise
 from typing import Any, Final
 
 from simaps_viz.errors import CommandError
+from simaps_viz.language.grammar import no_reading, no_reading_if
 from simaps_viz.language.nouns import (
     AHEAD,
     ALL,
@@ -141,19 +142,9 @@ def _distance(n: float | None = None, unit: str = "", half: str = "", quarter: s
     return Measure(tidy(amount * _METRES[unit or "METRES"]), (note,) if note else (), bool(unit))
 
 
-@_rule("distance", "(EXACTLY | BY) distance")
-def _just(distance: Measure) -> Measure:
-    return distance
-
-
-@_rule("distance", "DET unit AND DET? HALF", cost=-0.1)
-def _one_and_a_half(unit: str) -> Measure:
-    return Measure(tidy(1.5 * _METRES[unit]))
-
-
-@_rule("angle", "n:NUM DEGREES?", "n:ONE DEGREES")
-def _angle(n: float) -> Measure:
-    return Measure(tidy(n))
+_rule("distance", "(EXACTLY | BY) distance")(lambda distance: distance)
+_rule("distance", "DET unit AND DET? HALF", cost=-0.1)(lambda unit: Measure(tidy(1.5 * _METRES[unit])))
+_rule("angle", "n:NUM DEGREES?")(lambda n: Measure(tidy(n)))
 
 
 @_rule("angle", "(DET | n:amount)? QUARTER")
@@ -163,11 +154,7 @@ def _part_of_turn(n: float = 1.0, half: str = "", eighth: str = "") -> Measure:
 
 
 _rule("angle", "portion")(lambda portion: portion)
-
-
-@_rule("angle", "SLIGHTLY")
-def _slightly() -> Measure:
-    return Measure(tidy(_A_LITTLE_DEG), (f"a little is read as {_A_LITTLE_DEG:g} degrees",))
+_rule("angle", "SLIGHTLY")(lambda: Measure(tidy(_A_LITTLE_DEG), (f"a little is read as {_A_LITTLE_DEG:g} degrees",)))
 
 
 # ---- going to things and rooms
@@ -195,8 +182,7 @@ def _go_to(targets: tuple[Phrase, ...]) -> Steps:
 def _go_sorted(targets: tuple[Phrase, ...], sorted: Parts) -> Steps:
     """Read "I'd like the three shelves inspected, west end first", "... I want them checked, the largest first"."""
     phrase, part = targets[0], sorted[0]
-    if len(targets) > 1 or not (phrase.many or phrase.text == IT):
-        raise CommandError("")
+    no_reading_if(len(targets) > 1 or not (phrase.many or phrase.text == IT))
     return _go_to((replace(phrase, text=f'order({phrase.text}, "{part.text}")', whole="", many=True, base=ONE),))
 
 
@@ -209,10 +195,8 @@ def _likewise(targets: tuple[Phrase, ...]) -> Steps:
     return _each("", targets, "")
 
 
-@_rule("question", "place:PLACE &ASKED", cost=-0.05)
-def _where_to(place: Noun) -> Steps:
-    """Read "where can I wash my hands?", which moves nothing."""
-    return _told(select(place, ()), "where")
+# "where can I wash my hands?", which moves nothing
+_rule("question", "place:PLACE &ASKED", cost=-0.05)(lambda place: _told(select(place, ()), "where"))
 
 
 @_rule("order", "verb:GO DET? noun", cost=0.3)
@@ -250,28 +234,20 @@ def _on_the_way(via: tuple[Phrase, ...], targets: tuple[Phrase, ...]) -> Steps:
     return (*_go_to(via), *_go_to(targets))
 
 
-@_rule("order", "APPROACH", cost=0.6)
-def _go_check() -> Steps:
-    """Read "I left my laptop on the table, go check"."""
-    return _go_to(_there())
-
-
-@_rule("order", "PASS via:targets (COMMA | AND | THEN)+ (&_verb order | ON? TO targets)", cost=-0.2)
-def _past_and_on(via: tuple[Phrase, ...], order: Steps = (), targets: tuple[Phrase, ...] = ()) -> Steps:
-    """Read "walk past the cake and then stop at the laptop", "past the rack and then on to the bench"."""
-    return (*_go_to(via), *order, *_go_to(targets))
-
-
-@_rule("order", "_go _dets spot:SPOT WITH np", cost=-0.1)
-def _go_spot_with(spot: str, np: Phrase) -> Steps:
-    """Read "go to the corner with the plant"."""
-    return _go_to((replace(np, text=f'at({np.whole or np.text}, "{spot}")', whole=""),))
-
-
-@_rule("order", "(_goer | APPROACH WHERE?)? place:PLACE (&(COMMA | BUT | EXCEPT) post)*")
-def _go_somewhere(place: Noun, post: Sequence[Parts] = ()) -> Steps:
-    """Read "go somewhere to sit", "... something I can read, but not in the bedroom"."""
-    return _go_to((select(place, [part for parts in post for part in parts]),))
+# "I left my laptop on the table, go check"
+_rule("order", "APPROACH", cost=0.6)(lambda: _go_to(_there()))
+# "walk past the cake and then stop at the laptop", "past the rack and then on to the bench"
+_rule("order", "PASS via:targets (COMMA | AND | THEN)+ (&_verb order | ON? TO targets)", cost=-0.2)(
+    lambda via, order=(), targets=(): (*_go_to(via), *order, *_go_to(targets))
+)
+# "go to the corner with the plant"
+_rule("order", "_go _dets spot:SPOT WITH np", cost=-0.1)(
+    lambda spot, np: _go_to((replace(np, text=f'at({np.whole or np.text}, "{spot}")', whole=""),))
+)
+# "go somewhere to sit", "... something I can read, but not in the bedroom"
+_rule("order", "(_goer | APPROACH WHERE?)? place:PLACE (&(COMMA | BUT | EXCEPT) post)*")(
+    lambda place, post=(): _go_to((select(place, [part for parts in post for part in parts]),))
+)
 
 
 @_rule(
@@ -288,17 +264,14 @@ def _go_at(
     return _go_to((select(noun, parts, every=every is not None),))
 
 
-@_rule("order", "_goer VIA targets", cost=0.3)
-def _go_past(targets: tuple[Phrase, ...]) -> Steps:
-    """Read "guide us past the sofas": by each of them."""
-    return _go_to(targets)
+# "guide us past the sofas": by each of them
+_rule("order", "_goer VIA targets", cost=0.3)(_go_to)
 
 
 @_rule("order", "(_go | APPROACH) targets COMMA? (STARTWITH FROM?)? DET? key (ONE | ONES)? (n:ORD)?", cost=-0.3)
 def _go_in_turn(targets: tuple[Phrase, ...], key: str, n: int = 1) -> Steps:
     """Read "visit the bed, the fridge and the sofa, the nearest first"."""
-    if len(targets) < 2 or n != 1:
-        raise CommandError("")
+    no_reading_if(len(targets) < 2 or n != 1)
     each = united([replace(phrase, text=phrase.single) for phrase in targets])
     return _go_to((replace(each, text=f'order({each.text}, "{key}")', word="thing", many=True),))
 
@@ -310,8 +283,7 @@ def _there(it: str = "") -> tuple[Phrase, ...]:
 
 @_rule("order", "!(_np FINITE !WHAT) targets", cost=0.7)
 def _bare(targets: tuple[Phrase, ...]) -> Steps:
-    if any(phrase.free for phrase in targets):
-        raise CommandError("")
+    no_reading_if(any(phrase.free for phrase in targets))
     return _each("", targets, "")
 
 
@@ -320,10 +292,8 @@ def _go_room(room: Phrase) -> Steps:
     return _each("robot.move_to_{0.goal}", [room])
 
 
-@_rule("order", "room !ASKED")
-def _bare_room(room: Phrase) -> Steps:
-    """Read "how many laptops are there, all rooms?", which moves nothing."""
-    return _go_room(room) if room.text == "room()" else _each("", [room], "")
+# "how many laptops are there, all rooms?", which moves nothing
+_rule("order", "room !ASKED")(lambda room: _go_room(room) if room.text == "room()" else _each("", [room], ""))
 
 
 @_rule("order", "LEAVE (room | HERE)? !ATLEAST")
@@ -347,25 +317,21 @@ def _go_spot(spot: str, room: Phrase | None = None) -> Steps:
 @_rule("order", "_go _dets spot:SPOT ((OF | IN) room)? (NEAR | BY | AT | BEHIND | (_is? NEAREST TO?)) np", cost=-0.3)
 def _go_spot_near(spot: str, np: Phrase, room: Phrase | None = None) -> Steps:
     """Read "go to the corner by the window": of the corners, the one nearest to it."""
-    if spot != "corner":
-        raise CommandError("")
+    no_reading_if(spot != "corner")
     where = room or Phrase("room()", "", "room")
     return (Do(('robot.move_to(corner({0.text}, "", {1.argument}))',), (where, replace(np, many=False))),)
 
 
 @_rule("order", "_go? _dets side (SIDE | END | spot:SPOT) (OF | IN) (room | DET* MAP)", cost=-0.1)
 def _go_end_of_room(side: str, room: Phrase | None = None, spot: str = "wall") -> Steps:
-    if spot in ("window", "door"):
-        raise CommandError("")
+    no_reading_if(spot in ("window", "door"))
     return (Do((f'robot.move_to(spot({{0.text}}, "{side}"))',), (room or Phrase("room()", "", "room"),)),)
 
 
-@_rule("order", "_go? end_of np", cost=-0.3)
-def _go_end_of(end_of: str, np: Phrase) -> Steps:
-    """Read "go to the long side of the table", "stand at the head of the table"."""
-    if np.is_room:
-        raise CommandError("")
-    return _each(f'robot.move_to(spot({{0.argument}}, "{end_of}"))', (np,))
+# "go to the long side of the table", "stand at the head of the table"
+_rule("order", "_go? end_of np", cost=-0.3)(
+    lambda end_of, np: no_reading() if np.is_room else _each(f'robot.move_to(spot({{0.argument}}, "{end_of}"))', (np,))
+)
 
 
 @_rule("order", "_go? _dets FAREND (OF | IN) room", cost=-0.2)
@@ -374,30 +340,16 @@ def _go_far_end(room: Phrase) -> Steps:
     return (Do(('robot.move_to(spot({0.text}, "end"))',), (room,)),)
 
 
-@_rule("order", "_goer THROUGHOUT room _prep+ targets", cost=-0.2)
-def _go_through(room: Phrase, targets: tuple[Phrase, ...]) -> Steps:
-    """Read "go down the corridor to the coat rack"."""
-    return (*_go_room(room), *_go_to(targets))
-
-
-@_rule("order", "(_go | PASS)? DET? BETWEEN pair (IT? HERE? (GO | STAND))?", cost=-0.5)
-def _go_between(pair: tuple[Phrase, Phrase]) -> Steps:
-    return (Do(("robot.move_in_between({0.argument}, {1.argument})",), pair),)
-
-
-@_rule("order", "_go? DET? BETWEEN it:IT", cost=-0.8)
-def _go_middle_of_it(it: str) -> Steps:
-    """Read "go to the largest room and stand in the middle of it"."""
-    if it != "it":
-        raise CommandError("")
-    return (Do(("robot.move_to(centre({0.text}))",), (Phrase(IT, "", "thing"),)),)
-
-
-@_rule("order", "_go? DET? BETWEEN np", "_goer UNDER np", cost=0.2)
-def _go_middle(np: Phrase) -> Steps:
-    if np.many or np.text == IT:
-        raise CommandError("")
-    return (Do(("robot.move_to(robot.get_pos({0}))",), (np,)),)
+# "go down the corridor to the coat rack"
+_rule("order", "_goer THROUGHOUT room _prep+ targets", cost=-0.2)(
+    lambda room, targets: (*_go_room(room), *_go_to(targets))
+)
+_rule("order", "(_go | PASS)? DET? BETWEEN pair (IT? HERE? (GO | STAND))?", cost=-0.5)(
+    lambda pair: (Do(("robot.move_in_between({0.argument}, {1.argument})",), pair),)
+)
+_rule("order", "_go? DET? BETWEEN np", "_goer UNDER np", cost=0.2)(
+    lambda np: no_reading() if np.many or np.text == IT else (Do(("robot.move_to(robot.get_pos({0}))",), (np,)),)
+)
 
 
 @_rule("beside", "DET? side (SIDE | END)? (OF | FROM)", "DET* SIDE (OF | FROM)")
@@ -420,9 +372,9 @@ def _go_possessed(np: Phrase, side: str) -> Steps:
     return _go_beside(side, (np,))
 
 
-@_rule("order", "_go? FRONT targets", cost=-0.2)
-def _go_front(targets: tuple[Phrase, ...]) -> Steps:
-    return _each('robot.move_to(spot({0.argument}, "front"))', targets)
+_rule("order", "_go? FRONT targets", cost=-0.2)(
+    lambda targets: _each('robot.move_to(spot({0.argument}, "front"))', targets)
+)
 
 
 @_rule("order", "_go? BEHIND targets", "PASS targets", cost=-0.1)
@@ -435,6 +387,7 @@ def _go_behind(targets: tuple[Phrase, ...]) -> Steps:
     "order",
     "_go? _place? (IN | few:LESSTHAN)? distance (TO | ON)* (beside | FRONT | BEFORE | back:BEHIND | back:PASS | "
     "off:away | off:SHORT OF) np (COMMA NOCLOSER)? | _go? np COMMA distance off:SHORT | "
+    "_go? FRONT np COMMA distance (SHORT | AWAY)? | "
     "_go (FORWARD | compass)* UNTIL np IS (_prep | SHORT | DET)* distance off:SHORT | _go (FORWARD | compass)* "
     "UNTIL (EXIST (_prep | SHORT)* distance BETWEEN (np AND HERE | HERE AND np) | HERE IS? distance off:away np)",
     cost=-0.3,
@@ -442,8 +395,7 @@ def _go_behind(targets: tuple[Phrase, ...]) -> Steps:
 def _go_off(
     distance: Measure, np: Phrase, beside: str = "front", back: str = "", off: str = "", few: str = "", **_: Any
 ) -> Steps:
-    if not distance.has_unit:  # "visit two of the chairs"
-        raise CommandError("")
+    no_reading_if(not distance.has_unit)  # "visit two of the chairs"
     if few and off:
         return _go_to((np,))
     side = "behind" if back else "beside" if off else beside
@@ -451,7 +403,7 @@ def _go_off(
     return (Do((f'robot.move_to(spot({{0.argument}}, "{side}", {distance.text}))',), (np,), note),)
 
 
-@_rule(
+_rule(
     "short",
     "(STAND | KEEP | HALT) AT? distance SHORT",
     "BUT? KEEP distance (OF (BERTH | DISTANCE))?",
@@ -461,15 +413,9 @@ def _go_off(
     "((_away | TO) (IT | ITS END))?",
     "(STAND | GO)? NOCLOSER THAN distance ((TO | FROM) IT)?",
     cost=-0.3,
-)
-def _short(distance: Measure) -> Measure:
-    return distance
-
-
-@_rule("order", "short")
-def _stop_short(short: Measure) -> Steps:
-    """Read "... Stop 1 m short."."""
-    return _go_off(short, Phrase(IT, ONE, "thing"), back="", off="away")
+)(lambda distance: distance)
+# "... Stop 1 m short."
+_rule("order", "short")(lambda short: _go_off(short, Phrase(IT, ONE, "thing"), back="", off="away"))
 
 
 @_rule("done", "order _mid* short", cost=-0.5)
@@ -512,8 +458,6 @@ _rule("times", "n:whole TIMES")(lambda n: n)
 _rule("times", "TWICE")(lambda: 2)
 _rule("times", "THRICE")(lambda: 3)
 _rule("times", "ONCE")(lambda: 1)
-
-
 _rule("round", "way")(lambda way: -1.0 if way == "left" else 1.0)
 
 
@@ -541,11 +485,7 @@ def _circle(
 
 
 _rule("order", "lapped")(lambda lapped: lapped)
-
-
-@_rule("order", "lapped COMMA? BACKTOO", cost=-0.7)
-def _lap_and_back(lapped: Steps) -> Steps:
-    return (*lapped, *_home())
+_rule("order", "lapped COMMA? BACKTOO", cost=-0.7)(lambda lapped: (*lapped, *_home()))
 
 
 @_rule(
@@ -560,27 +500,25 @@ def _go_toward(np: Phrase, distance: Measure | None = None) -> Steps:
     return (Do(("robot.face({0})", f"robot.move_forward({distance.text})"), (np,), distance.note),)
 
 
-@_rule("order", "(BACKUP | GO AWAY) (BY? distance)? FROM np (BY? distance)?")
-def _go_away(np: Phrase, distance: Measure = _ONE_METRE) -> Steps:
-    return (Do(("robot.face({0})", f"robot.move_forward({distance.negated})"), (np,), distance.note),)
-
-
-@_rule("order", "_goer? HALFWAY np")
-def _go_halfway(np: Phrase) -> Steps:
-    return (Do(("robot.move_to(way({0.argument}))",), (np,)),)
-
-
-@_rule(
+_rule("order", "(BACKUP | GO AWAY) (BY? distance)? FROM np (BY? distance)?")(
+    lambda np, distance=_ONE_METRE: (
+        Do(("robot.face({0})", f"robot.move_forward({distance.negated})"), (np,), distance.note),
+    )
+)
+_rule("order", "_goer? HALFWAY np")(lambda np: (Do(("robot.move_to(way({0.argument}))",), (np,)),))
+_rule(
     "order",
     "(_along COMMA?)? (_goer? FROM (HERE | a:np) (TO | NEAR)+ | FROM (HERE | a:np) COMMA? _goer _prep+) np "
     "(_along | COMMA? "
     "back:BACKTOO (TO _np)?)?",
     cost=-0.5,
+)(
+    lambda np, a=None, back="": (
+        *(_go_to((a,)) if a else ()),
+        *_go_to((np,)),
+        *((_go_to((a,)) if a else _home()) if back else ()),
+    )
 )
-def _from_to(np: Phrase, a: Phrase | None = None, back: str = "") -> Steps:
-    return (*(_go_to((a,)) if a else ()), *_go_to((np,)), *((_go_to((a,)) if a else _home()) if back else ()))
-
-
 _words("_along", "_goer? (THROUGHOUT | NEAR) _np | FOLLOW _np")
 
 
@@ -602,20 +540,17 @@ def _apart(pair: tuple[Phrase, Phrase]) -> tuple[Phrase, ...]:
     return tuple(replace(a, text=f"nth({a.text}, {n})") for n in (1, 2))
 
 
-@_rule(
+# "round trip from the couch to the microwave and back"
+_rule(
     "order",
     "MAKE? ROUNDTRIP (COMMA | STOP)* FROM? a:np TO b:np (COMMA? AND? (BACKTOO | BACK) (TO (_np | DET? START))?)?",
     cost=-0.6,
-)
-def _round_trip(a: Phrase, b: Phrase) -> Steps:
-    """Read "round trip from the couch to the microwave and back"."""
-    return _go_to((a, b, a))
+)(lambda a, b: _go_to((a, b, a)))
 
 
 @_rule(
     "order",
     "MAKE? ROUNDTRIP (COMMA | STOP)* _prep+ targets (COMMA? BACKTOO)?",
-    "BACKTOO (COMMA | STOP)+ targets",
     cost=-0.5,
 )
 @_rule("order", "_go targets COMMA? BACKTOO", cost=-0.6)
@@ -635,9 +570,9 @@ def _home() -> Steps:
     return (Do(('robot.move_to(pose("start"))',)),)
 
 
-@_rule("order", "_goer _prep* (DET? POINT)? x:NUM COMMA? y:NUM", cost=-1.0)
-def _go_position(x: float, y: float) -> Steps:
-    return (Do((f"robot.move_to([{tidy(x)}, {tidy(y)}])",)),)
+_rule("order", "_goer _prep* (DET? POINT)? x:NUM COMMA? y:NUM", cost=-1.0)(
+    lambda x, y: (Do((f"robot.move_to([{tidy(x)}, {tidy(y)}])",)),)
+)
 
 
 @_rule("order", "HALT", "STAND (AT? HERE)?")
@@ -650,56 +585,37 @@ def _halt() -> Steps:
 _words("_turning", "TURN | SPIN | MAKE DET? TURN")
 _UNSIDED: Final = "degrees without a side is read as a turn to the right"
 _words("_looking", "(GO | STAND)? FACE | LOOK | LOOK _prep+ | FACE _prep+ | TURN _prep* (LOOK | FACE) _prep*")
-
-
-@_rule(
+_rule(
     "order",
     "(_looking targets (COMMA? STILL)? | APPROACH targets COMMA? STILL) | "
     "_turning AROUND? (TO | TOWARD)+ _looking? targets | _turning way? AROUND? "
     "UNTIL HERE? (SEE | LOOK AT? | FACE) targets | _turning way? AROUND? (UNTIL | SO | THAT)+ targets IS "
     "(FRONT HERE | FORWARD (OF HERE)? | VIEW | SEEN) | _turning AROUND _looking targets | "
     "(KEEP | WITH) targets IS? (FRONT HERE | VIEW)",
-)
-def _face(targets: tuple[Phrase, ...], way: str = "") -> Steps:
-    return _each("robot.face({0})", targets, "face")
+)(lambda targets, way="": _each("robot.face({0})", targets, "face"))
 
 
 @_rule("order", "_looking np there:IT", cost=0.1)
 def _face_there(np: Phrase, there: str) -> Steps:
     """Read "go into the bedroom and look at the window there": that in the room where the robot is by then."""
-    if there != "there" or np.many:
-        raise CommandError("")
+    no_reading_if(there != "there" or np.many)
     return _each("robot.face({0})", [_changed(np, f"inside({np.whole or np.text}, room())")], "face")
 
 
-@_rule("order", "_turning AWAY FROM np", "UTURN _prep+ np", "(LOOK | FACE) AWAY FROM np", "_goer? YOURBACK np")
-def _face_away(np: Phrase) -> Steps:
-    return (Do(("robot.face({0})", "robot.turn(180)"), (np,)),)
-
-
+_rule("order", "_turning AWAY FROM np", "UTURN _prep+ np", "(LOOK | FACE) AWAY FROM np", "_goer? YOURBACK np")(
+    lambda np: (Do(("robot.face({0})", "robot.turn(180)"), (np,)),)
+)
 _words("_course", "DET? DIRECTION (OF | TO)? DET?")
 
 
 for _name, _degrees in _COMPASS.items():
     _rule("compass", _name.upper())(lambda degrees=_degrees: degrees)
 _rule("compass", "point:INTER")(lambda point: point)
-
-
-@_rule("heading", "DET? compass spot:SPOT", cost=0.1)
-def _heading_of_wall(compass: float, spot: str) -> float:
-    if spot != "wall":
-        raise CommandError("")
-    return compass
-
-
-@_rule("heading", "DET? compass (SIDE | DIRECTION)?", "_course DET? compass")
-def _heading(compass: float) -> float:
-    return compass
-
-
-@_rule("order", "(_looking | _turning (way? AROUND? UNTIL HERE? IS?)? _prep* _looking?) heading", cost=-0.1)
-def _face_compass(heading: float, way: str = "") -> Steps:
-    return (Do((f"robot.turn_absolute({tidy(heading)})",)),)
+_rule("heading", "DET? compass spot:SPOT", cost=0.1)(lambda compass, spot: no_reading() if spot != "wall" else compass)
+_rule("heading", "DET? compass (SIDE | DIRECTION)?", "_course DET? compass")(lambda compass: compass)
+_rule("order", "(_looking | _turning (way? AROUND? UNTIL HERE? IS?)? _prep* _looking?) heading", cost=-0.1)(
+    lambda heading, way="": (Do((f"robot.turn_absolute({tidy(heading)})",)),)
+)
 
 
 @_rule(
@@ -716,13 +632,9 @@ for _name in ("left", "right"):
     _rule("lateral", _name.upper())(lambda name=_name: name)
 
 
-@_rule(
+_rule(
     "order", "(KEEP | WITH | _turning (UNTIL | WITH | THAT | SO)*) np IS? (ON | TO | AT) DET? lateral SIDE?", cost=-0.5
-)
-def _with_object(np: Phrase, lateral: str) -> Steps:
-    return (Do((f"robot.with_object_on_{lateral}({{0}})",), (np,)),)
-
-
+)(lambda np, lateral: (Do((f"robot.with_object_on_{lateral}({{0}})",), (np,)),))
 _rule("hand", "(_prep | DET)* lateral SIDE?")(lambda lateral: lateral)
 _rule("way", "hand")(lambda hand: hand)
 _rule("way", "_prep* CLOCKWISE")(lambda: "right")
@@ -765,9 +677,9 @@ def _turn_fully(way: str = "") -> Steps:
     return (Do((f"robot.turn({'-' if way == 'left' else ''}360)",), (), notes),)
 
 
-@_rule("order", "(_goer | HALT) FOR? whole SECONDS")
-def _wait(whole: int) -> Steps:
-    return (Do(("robot.turn(0)",), notes=("the robot stops there; how long it waits is not simulated",)),)
+_rule("order", "(_goer | HALT) FOR? whole SECONDS")(
+    lambda whole: (Do(("robot.turn(0)",), notes=("the robot stops there; how long it waits is not simulated",)),)
+)
 
 
 @_rule("order", "_turning AROUND? times (COMMA | STOP)* way", "_whole times? (COMMA | STOP)* way", cost=-0.3)
@@ -795,12 +707,10 @@ def _forward(distance: Measure = _ONE_METRE) -> Steps:
     return (Do((f"robot.move_forward({distance.text})",), (), distance.note),)
 
 
-@_rule("order", "distance", cost=0.5)
-def _onward(distance: Measure) -> Steps:
-    """Read "one metre. Right ninety. One metre."."""
-    if not distance.has_unit:
-        raise CommandError("")
-    return (replace(_forward(distance)[0], verb=_ONWARD),)
+# "one metre. Right ninety. One metre."
+_rule("order", "distance", cost=0.5)(
+    lambda distance: no_reading() if not distance.has_unit else (replace(_forward(distance)[0], verb=_ONWARD),)
+)
 
 
 _ONWARD: Final = "onward"
@@ -815,8 +725,7 @@ _ONWARD: Final = "onward"
 @_rule("order", "(MAKE | GO | CIRCLE) DET? distance shape:SHAPE")
 def _square(shape: str, distance: Measure) -> Steps:
     """Read "do a square, every side half a metre": back to where it began."""
-    if shape != "square" or not distance.has_unit:
-        raise CommandError("")
+    no_reading_if(shape != "square" or not distance.has_unit)
     side = Do((f"robot.move_forward({distance.text})", "robot.turn(90)"), (), distance.note)
     return (Repeat(4, (side,)),)
 
@@ -843,16 +752,16 @@ def _reversed(step: Step) -> Step:
 
 
 _words("_backward", "BACK | BACKWARD")
-
-
-@_rule(
+_rule(
     "order",
     "_step (_prep | DET)* compass SIDE? | _step (BY | FOR)? distance (_prep | DET)* "
     "compass | MAKE distance (_prep | DET)* compass | distance AWAY? (_prep | DET)* compass",
     cost=-0.2,
+)(
+    lambda compass, distance=_ONE_METRE: (
+        Do((f"robot.turn_absolute({tidy(compass)})", f"robot.move_forward({distance.text})"), (), distance.note),
+    )
 )
-def _compass_move(compass: float, distance: Measure = _ONE_METRE) -> Steps:
-    return (Do((f"robot.turn_absolute({tidy(compass)})", f"robot.move_forward({distance.text})"), (), distance.note),)
 
 
 @_rule(
@@ -861,8 +770,7 @@ def _compass_move(compass: float, distance: Measure = _ONE_METRE) -> Steps:
     cost=-0.2,
 )
 def _sideways(way: str, distance: Measure = _ONE_METRE) -> Steps:
-    if not distance.has_unit and float(distance.text) > _MAX_BARE_M:  # "ninety to the right"
-        raise CommandError("")
+    no_reading_if(not distance.has_unit and float(distance.text) > _MAX_BARE_M)  # "ninety to the right"
     angle = 90 if way == "right" else -90
     return (Do((f"robot.turn({angle})", f"robot.move_forward({distance.text})"), (), distance.note),)
 
@@ -907,15 +815,11 @@ def _unknown_in(phrases: Sequence[Phrase]) -> str:
 
 
 _words("_count", "COUNT? HOWMANY ONLY? | COUNT ONLY?")
-
-
-@_rule(
+_rule(
     "question",
     "EXIST? _count STOP? DET* np (IS | EXIST | DOES)* post* (HERE | SEE)? | _count np (DOES | IS | WITH)* "
     "DET* (MAP | HERE) (WITH | SEE)?",
-)
-def _how_many(np: Phrase, post: Sequence[Parts] = ()) -> Steps:
-    return _told(refine(np, [part for parts in post for part in parts]), "count")
+)(lambda np, post=(): _told(refine(np, [part for parts in post for part in parts]), "count"))
 
 
 @_rule("question", "&EXCEPT besides:post (COMMA | STOP)? question", cost=0.2)
@@ -926,8 +830,7 @@ def _asked_there(question: Steps, relation: Parts = (), besides: Parts = ()) -> 
     if len(question) > 1 or not isinstance(step, Do) or not step.phrases or not (first := step.phrases[0]).base:
         raise CommandError("")
     compared = "count(" in step.lines[0] or (not besides and "minus(" in first.text)  # "more cups than bottles"
-    if first.is_room or first.base in (ONE, SAME) or compared:
-        raise CommandError("")
+    no_reading_if(first.is_room or first.base in (ONE, SAME) or compared)
     chosen = first.text.startswith(("first(", "nth(", "nearest(", "farthest(", "last("))  # the nearest of those there
     there = refine(replace(first, text=first.base, whole="") if chosen else first, relation or besides)
     text = (first.text.replace(first.base, there.text) if chosen else there.text).replace(ONE, first.base)
@@ -944,8 +847,7 @@ def _how_many_more(post: Sequence[Parts] = ()) -> Steps:
 @_rule("question", "HOWMANY SEATED relation", cost=-0.5)
 def _how_many_fit(relation: Parts) -> Steps:
     """Read "how many people can sit at the table?": as many as seats are there."""
-    if relation[0].kind != "near":  # how many sit on a couch is not known
-        raise CommandError("")
+    no_reading_if(relation[0].kind != "near")  # how many sit on a couch is not known
     return _told(refine(Phrase('things("seat")', 'things("seat")', "seat"), relation), "count")
 
 
@@ -957,41 +859,39 @@ _NUMBERED: Final = (
 )
 
 
-@_rule("question", "HOWMANY a:np AND b:np (IS | EXIST)* (HERE | _in_map)?", cost=-0.1)
-def _how_many_together(a: Phrase, b: Phrase) -> Steps:
-    """Read "how many cups and bottles are there?"."""
-    return _told(replace(united(sharing((a, b))), many=False), "count")
+# "how many cups and bottles are there?"
+_rule("question", "HOWMANY a:np AND b:np (IS | EXIST)* (HERE | _in_map)?", cost=-0.1)(
+    lambda a, b: _told(replace(united(sharing((a, b))), many=False), "count")
+)
 
 
 @_rule("question", "(LIST | WHICH (OF DET*)? | WHAT IS?) a:np AND b:np IS?", cost=-0.3)
 def _list_together(a: Phrase, b: Phrase) -> Steps:
     """Read "which cups and bottles are on the table?"."""
-    if not (a.many and b.many):
-        raise CommandError("")
+    no_reading_if(not (a.many and b.many))
     return _told(replace(united(sharing((a, b))), many=False), "list")
 
 
-@_rule(
+# "on how many of the tables is there a tray?"
+_rule(
     "question",
     "(ON | IN | AT) HOWMANY (OF | DET | DIFFERENT)* (np | ROOMS) (EXIST | IS | APPROACH | SEE | HERE | DOES)+ "
     "of:np IS?",
     cost=-0.1,
+)(
+    lambda of, np=ALL_ROOMS: _told(
+        _changed(np, f"having({np.whole or np.text}, {of.argument})", np.notes + of.notes), "count"
+    )
 )
-def _on_how_many(of: Phrase, np: Phrase = ALL_ROOMS) -> Steps:
-    """Read "on how many of the tables is there a tray?"."""
-    return _told(_changed(np, f"having({np.whole or np.text}, {of.argument})", np.notes + of.notes), "count")
-
-
-@_rule("question", "EXIST _number ((COMMA | OR)+ EXIST? EXACTLY? _number)+ np HERE?", cost=-0.5)
-def _is_it_so_many(np: Phrase) -> Steps:
-    """Read "are there two or three chairs?"."""
-    return _told(np, "count")
+# "are there two or three chairs?"
+_rule("question", "EXIST _number ((COMMA | OR)+ EXIST? EXACTLY? _number)+ np HERE?", cost=-0.5)(
+    lambda np: _told(np, "count")
+)
 
 
 @_rule("question", *_NUMBERED, cost=-0.3)
 def _are_there(n: int, np: Phrase = _OF_THAT_NAME, exist: str = "is", **_: str) -> Steps:
-    if exist.split(maxsplit=1)[0] not in _ASKS:  # "there are three bags" asks nothing
-        raise CommandError("")
+    no_reading_if(exist.split(maxsplit=1)[0] not in _ASKS)  # "there are three bags" asks nothing
     test, phrases = _at_least(n, np, **_)
     return (Do((f'tell({test}, "whether")',), phrases),)
 
@@ -1012,31 +912,23 @@ def _are_there_more(
     return (Do((f'tell({test}, "whether")',), phrases),)
 
 
-@_rule(
+_rule(
     "question",
     "_count ROOMS (IS | EXIST | APPROACH | WITH)* (IN? HERE)? _in_map?",
     "_count ROOMS (_is | DOES | WITH)* DET* MAP WITH?",
-)
-def _how_many_rooms() -> Steps:
-    return _told(ALL_ROOMS, "count")
-
-
+)(lambda: _told(ALL_ROOMS, "count"))
 _words("_in_map", "(IN | ON) DET* MAP")
 
 
 @_rule("question", "_count n:np WITH of:np", cost=0.3)
-@_rule("question", "_count n:np (DOES | WITH | IS) of:np WITH (on:ON IT)?", cost=-0.2)
+@_rule("question", "_count n:np (DOES | WITH | IS) of:np WITH ((on:ON | AROUND | NEAR | BY | AT) IT)?", cost=-0.2)
 def _how_many_at(n: Phrase, of: Phrase, on: str = "") -> Steps:
     beside = "inside" if of.is_room else "having" if n.is_room else "on" if on else "near"
     return _told(_changed(n, text=f"{beside}({n.text}, {of.argument})", notes=n.notes + of.notes), "count")
 
 
-@_rule("question", "_count noun WITH of:np", cost=-0.4)
-def _how_many_has(noun: Noun, of: Phrase) -> Steps:
-    """Read "how many chairs has the table with the laptop?"."""
-    return _how_many_at(select(noun, ()), of)
-
-
+# "how many chairs has the table with the laptop?"
+_rule("question", "_count noun WITH of:np", cost=-0.4)(lambda noun, of: _how_many_at(select(noun, ()), of))
 _words("_ask", "(LIST | LOOK | SEEQ | SEE)+")
 
 
@@ -1066,11 +958,9 @@ def _which_room_has_most(key: str, np: Phrase) -> Steps:
 
 
 _words("_room_too", "room")
-
-
-@_rule("question", "WHEREAMI HERE? IN? HERE?", "WHERE IS? HERE IS?", "IN? WHICH ROOM IS? HERE IS? IN?", cost=-0.3)
-def _where_am_i() -> Steps:
-    return (Do(('tell(room(), "which")',)),)
+_rule("question", "WHEREAMI HERE? IN? HERE?", "WHERE IS? HERE IS?", "IN? WHICH ROOM IS? HERE IS? IN?", cost=-0.3)(
+    lambda: (Do(('tell(room(), "which")',)),)
+)
 
 
 @_rule("question", "EXIST np (ANYWHERE | HERE)* _in_map? &ASKED", "IS np HERE", "DOES DET* MAP WITH np")
@@ -1081,38 +971,29 @@ def _is_there(np: Phrase, exist: str = "is") -> Steps:
     return _told(np, "whether")
 
 
-@_rule("question", "(DOES | WITH) room WITH n:whole np", cost=-0.5)
-def _does_room_have(room: Phrase, n: int, np: Phrase) -> Steps:
-    """Read "has the kitchen got four chairs?"."""
-    test, phrases = _room_has_so_many(room, n, np)
-    return (Do((f'tell({test}, "whether")',), phrases),)
-
-
-@_rule("question", "IS HERE IN room", cost=-0.2)
-def _are_you_in(room: Phrase) -> Steps:
-    """Read "are you in the kitchen?"."""
-    return (Do(('tell(distance({0.argument}) == 0, "whether")',), (room,)),)
+# "are you in the kitchen?"
+_rule("question", "IS HERE IN room", cost=-0.2)(
+    lambda room: (Do(('tell(distance({0.argument}) == 0, "whether")',), (room,)),)
+)
 
 
 @_rule("question", "IS room DET? key:MORE THAN n:amount SQUAREMETRES", cost=-0.4)
 def _is_room_larger(room: Phrase, key: str, n: float) -> Steps:
-    if key not in ("large", "small"):
-        raise CommandError("")
+    no_reading_if(key not in ("large", "small"))
     return (Do((f'tell(size({{0.argument}}, "area") {">" if key == "large" else "<"} {n:g}, "whether")',), (room,)),)
 
 
 @_rule("question", "IS a:np b:np &ASKED", cost=0.3)
 def _is_it_the_most(a: Phrase, b: Phrase) -> Steps:
     """Read "is the kitchen the biggest room?"."""
-    if not b.text.startswith("first(order("):
-        raise CommandError("")
+    no_reading_if(not b.text.startswith("first(order("))
     phrases = tuple(replace(one, many=False) for one in (a, b))
     return (Do(('tell(count(minus({0.argument}, {1.argument})) == 0, "whether")',), phrases),)
 
 
-@_rule("question", "EXIST DET* room")
-def _is_there_room(room: Phrase) -> Steps:
-    return (Do((f'tell({room.whole or room.text}, "whether")',), notes=room.notes),)
+_rule("question", "EXIST DET* room")(
+    lambda room: (Do((f'tell({room.whole or room.text}, "whether")',), notes=room.notes),)
+)
 
 
 @_rule(
@@ -1127,39 +1008,25 @@ def _is_there_in_every_room(np: Phrase) -> Steps:
     return (Do(('tell(count({0.text}) == 0, "whether")',), (_changed(ALL_ROOMS, rest, np.notes, many=False),)),)
 
 
-@_rule("question", "np &ASKED", cost=0.4)
-def _np_asked(np: Phrase) -> Steps:
-    """Read "the chairs by the door?": a question moves nothing."""
-    if np.free:
-        raise CommandError("")
-    return _told(np, "which" if np.word in ("thing", "object", "item") else "where")
-
-
-@_rule("question", "INDEF np (HERE | ANYWHERE | BY)? &ASKED", cost=0.2)
-def _any_here(np: Phrase) -> Steps:
-    """Read "any wine glasses here?"."""
-    return _told(np, "whether")
-
-
-@_rule("question", "SEEQ np HERE?")
-def _do_you_see(np: Phrase) -> Steps:
-    return _told(_changed(np, text=f"visible({np.text})"), "whether")
-
-
-@_rule(
+# "the chairs by the door?": a question moves nothing
+_rule("question", "np &ASKED", cost=0.4)(
+    lambda np: no_reading() if np.free else _told(np, "which" if np.word in ("thing", "object", "item") else "where")
+)
+# "any wine glasses here?"
+_rule("question", "INDEF np (HERE | ANYWHERE | BY)? &ASKED", cost=0.2)(lambda np: _told(np, "whether"))
+_rule("question", "SEEQ np HERE?")(lambda np: _told(_changed(np, text=f"visible({np.text})"), "whether"))
+_rule(
     "question",
     "IS np (ON | TO | AT)* DET* side (SIDE | OF | HERE)* OR (ON | TO | AT)* DET* _side (SIDE | OF | HERE)* | "
     "IS np (BEHIND | FRONT) HERE? "
     "OR (FRONT | BEHIND) HERE",
     cost=-0.5,
-)
-def _on_which_side(np: Phrase, side: str = "") -> Steps:
-    return _told(np, "where")
+)(lambda np, side="": _told(np, "where"))
 
 
 @_rule(
     "question",
-    "IS a:np (compared | NEAR) (TO | HERE)* b:np OR NEAR? TO? c:np | (WHICH | WHAT) (IS | ONE)+ NEAREST TO? "
+    "IS a:np (compared | NEAR) (TO | HERE)* b:np OR NEAR? TO? c:np | (WHICH | WHAT) (IS | ONE)+ compared (TO | FROM)? "
     "a:np (COMMA | STOP)? b:np "
     "COMMA? OR c:np | IS IT? b:np OR c:np (THAT | IS)* DET? (compared | NEAR) (TO | FROM)? a:np | (WHICH | WHAT) ONE? "
     "(OF | DET | BETWEEN | AMONG)* b:np (AND | OR) c:np (COMMA | THAT | IS)+ DET? (compared | NEAR) (TO | "
@@ -1188,10 +1055,10 @@ def _on_which(noun: Noun, np: Phrase) -> Steps:
     return _told(_changed(things, text, things.notes + np.notes, many=False), "list")
 
 
-@_rule("question", "IS (HERE | IT)? (compared TO? | NEAR) b:np OR (TO | NEAR)? c:np", cost=-0.6)
-def _nearer_to_you(b: Phrase, c: Phrase, compared: str = "near") -> Steps:
-    """Read "are you closer to the sink or to the table?"."""
-    return _which_of_two(compared, b, c)
+# "are you closer to the sink or to the table?"
+_rule("question", "IS (HERE | IT)? (compared TO? | NEAR) b:np OR (TO | NEAR)? c:np", cost=-0.6)(
+    lambda b, c, compared="near": _which_of_two(compared, b, c)
+)
 
 
 @_rule("question", "IS np (ON | AT | IN | NEAR | UNDER) a:np OR (ON | AT | IN | NEAR | UNDER)? b:np", cost=-0.5)
@@ -1224,14 +1091,14 @@ def _are_all(noun: Noun, pre: Sequence[Parts] = (), relation: Parts = (), adject
 
 @_rule(
     "question",
-    "EXIST COUNTED a:np OR COUNTED? b:np",
+    "EXIST COUNTED a:np OR COUNTED? b:np | COUNTED a:np OR COUNTED? b:np &ASKED",
     "(WHAT | WHICH) (EXIST | IS | HERE)* COUNTED OF? HERE? (COMMA | STOP) a:np OR b:np",
     cost=-0.3,
 )
 def _which_are_more(a: Phrase, b: Phrase) -> Steps:
     """Read "are there more tables or more chairs?"."""
-    test, phrases = _counts("more", a, b)
-    return (Choose(test, phrases, _told(a, "count"), _told(b, "count")),)
+    test, (a, b) = _counts("more", a, b)
+    return (Choose(test, (a, b), _told(a, "count"), _told(b, "count")),)
 
 
 @_rule("question", "EXIST AS MANY a:np AS (b:np | relation)", cost=-0.3)
@@ -1261,32 +1128,14 @@ _rule("asked", "HOWBIG (IS IT)?")(lambda: "size")
 _rule("asked", "WHATCOLOR (IS IT)?")(lambda: "color")
 _rule("asked", "(IN | TO)? WHICH (ROOM | ROOMS) (IS IT)? IN?")(lambda: "room")
 _rule("asked", "WHAT (IS IT)?")(lambda: "which")
-
-
-@_rule("question", "BY question")
-def _roughly(question: Steps) -> Steps:
-    """Read "about how far is it to the table?"."""
-    return question
-
-
-@_rule("question", "asked", cost=0.4)
-def _and_what(asked: str) -> Steps:
-    """Read "and where?", "how far?" after what was asked or done before."""
-    return (Do((f'tell({{0.text}}, "{asked}")',), (Phrase(IT, ONE, "thing"),)),)
-
-
-@_rule("question", "(WHAT IS)? ITS key:EXTENT", cost=0.2)
-def _and_how_big(key: str) -> Steps:
-    """Read "what is its length?" of what was named before."""
-    return _how_big(key, Phrase(IT, ONE, "thing"))
-
-
+# "and where?", "how far?" after what was asked or done before
+_rule("question", "asked", cost=0.4)(
+    lambda asked: (Do((f'tell({{0.text}}, "{asked}")',), (Phrase(IT, ONE, "thing"),)),)
+)
+# "what is its length?" of what was named before
+_rule("question", "(WHAT IS)? ITS key:EXTENT", cost=0.2)(lambda key: _how_big(key, Phrase(IT, ONE, "thing")))
 _words("_whether", "(THEN | AND)* WHETHER")
-
-
-@_rule("question", "_whether question")
-def _asked_whether(question: Steps) -> Steps:
-    return question
+_rule("question", "_whether question")(lambda question: question)
 
 
 @_rule("question", "(IS | DOES) condition:in_one_room", "DOES condition:room_has_more", cost=-0.6)
@@ -1305,8 +1154,7 @@ def _does_it_hold(condition: Condition) -> Steps:
     cost=0.1,
 )
 def _is_it(np: Phrase, relation: Parts = (), adjective: Parts = ()) -> Steps:
-    if not relation and not adjective:  # "are the stools in a row?"
-        raise CommandError("")
+    no_reading_if(not relation and not adjective)  # "are the stools in a row?"
     return _told(refine(np, (*relation, *adjective)), "whether")
 
 
@@ -1319,16 +1167,13 @@ def _do_all(noun: Noun, of: Phrase, pre: Sequence[Parts] = ()) -> Steps:
     return (Do(('tell(count({0.text}) == 0, "whether")',), (replace(other, many=False),)),)
 
 
-@_rule("question", "IS relation COMMA? np HERE?", cost=0.1)
-def _is_there_in(np: Phrase, relation: Parts) -> Steps:
-    """Read "is in the kitchen a fridge?"."""
-    return _is_it(np, relation)
+# "is in the kitchen a fridge?"
+_rule("question", "IS relation COMMA? np HERE?", cost=0.1)(_is_it)
 
 
 @_rule("question", "DOES np (has:WITH | WITHOUT) of:np _on_it?", "DOES np WITH ANYTHING _on_it")
 def _does_it(np: Phrase, of: Phrase | None = None, has: str = "have") -> Steps:
-    if has == "with":
-        raise CommandError("")
+    no_reading_if(has == "with")
     text = f"having({np.text}, {of.argument})" if of else f"minus({np.text}, empty({np.text}))"
     return _told(_changed(np, text=text, notes=np.notes + (of.notes if of else ())), "whether")
 
@@ -1339,21 +1184,10 @@ _rule("compared", "NEAREST HERE?", "NEAREST _here")(lambda: "near")
 _rule("compared", "FARTHEST AWAY? _here?")(lambda: "far")
 
 
-@_rule("question", "IS HERE (compared TO? | NEAR) a:np THAN TO? b:np", cost=-0.3)
-def _are_you_nearer(a: Phrase, b: Phrase, compared: str = "near") -> Steps:
-    """Read "are you closer to the sink than to the table?"."""
-    if compared not in ("near", "far"):
-        raise CommandError("")
-    sign = "<" if compared == "near" else ">"
-    phrases = (replace(a, many=False), replace(b, many=False))
-    return (Do((f'tell(distance({{0.argument}}) {sign} distance({{1.argument}}), "whether")',), phrases),)
-
-
 @_rule("question", "IS a:np (compared | NEAR) (TO | FROM)? c:np THAN (TO | FROM)? b:np IS?", cost=-0.4)
 def _nearer_than(a: Phrase, b: Phrase, c: Phrase, compared: str = "near") -> Steps:
     """Read "is the cake farther from the fridge than the toaster?"."""
-    if compared not in ("near", "far"):
-        raise CommandError("")
+    no_reading_if(compared not in ("near", "far"))
     sign, phrases = "<" if compared == "near" else ">", tuple(replace(one, many=False) for one in (a, c, b))
     test = f"distance({{0.argument}}, {{1.argument}}) {sign} distance({{2.argument}}, {{1.argument}})"
     return (Do((f'tell({test}, "whether")',), phrases),)
@@ -1380,8 +1214,7 @@ def _which_of_two_named(noun: Noun, compared: str, a: Phrase, b: Phrase) -> Step
 @_rule("question", "(WHICH | WHAT) (IS | OF | ONE)* DET? compared ONE? (TO? HERE)? (COMMA | STOP)+ np", cost=-0.7)
 def _which_of_several(compared: str, np: Phrase) -> Steps:
     """Read "what is nearest to you, the fridge, the oven or the toaster?"."""
-    if not np.text.startswith("union("):
-        raise CommandError("")
+    no_reading_if(not np.text.startswith("union("))
     return _told(_changed(np, f'first(order({np.text}, "{compared}"))', many=False), "which")
 
 
@@ -1412,8 +1245,7 @@ def _which_of_two(compared: str, a: Phrase, b: Phrase) -> Steps:
     "WHICH (ONE? OF DET*)? np | (WHICH ONE? | WHAT) IS (np | np:room IN? HERE)",
 )
 def _which(np: Phrase) -> Steps:
-    if np.free:
-        raise CommandError("")
+    no_reading_if(np.free)
     chosen = np.text.startswith(("first(", "nth(", "nearest(", "farthest(", "last("))
     return _told(np, "which" if chosen else "list")
 
@@ -1422,8 +1254,7 @@ def _which(np: Phrase) -> Steps:
 def _which_of_several_is(noun: Noun, post: Sequence[Parts], pre: Sequence[Parts] = ()) -> Steps:
     """Read "which of the two bedrooms has more books?": one of them."""
     parts = [part for parts in (*pre, *post) for part in parts if part.kind != "count"]
-    if not any(part.kind == "order" for part in parts):
-        raise CommandError("")
+    no_reading_if(not any(part.kind == "order" for part in parts))
     return _which(select(replace(noun, is_plural=False), parts))
 
 
@@ -1434,12 +1265,6 @@ def _which_is_the_one(noun: Noun, pre: Sequence[Parts] = (), post: Sequence[Part
     """Read "which oven is the one in the middle?", "which chair is the one by the door?"."""
     parts = [part for parts in (*pre, *post) for part in parts] or [Part("order", side)]
     return _which(select(replace(noun, is_plural=False), parts))
-
-
-@_rule("question", "WHICH (ROOM | ROOMS) IS np NEAR TO?", cost=-0.2)
-def _which_room_is_near(np: Phrase) -> Steps:
-    """Read "which room is the printer next to?"."""
-    return _told(_changed(ALL_ROOMS, f"near(rooms(), {np.measure})", np.notes), "list")
 
 
 @_rule("question", "WHICH (OF DET*)? np IS DET? compared ONE?", cost=-0.1)
@@ -1460,8 +1285,7 @@ def _which_is_nearer(np: Phrase, of: Phrase, far: str = "") -> Steps:
 def _what_is(post: Sequence[Parts], what: str) -> Steps:
     parts = [part for parts in post for part in parts]
     # "what is on the table besides the book?" leaves out books, not a table
-    if not parts or any(part.phrase and part.phrase.greedy and not part.outer for part in parts):
-        raise CommandError("")
+    no_reading_if(not parts or any(part.phrase and part.phrase.greedy and not part.outer for part in parts))
     if "else" in what.split():  # "what else is on the counter with the microwave?"
         named = [inner for part in parts if part.phrase for inner in part.phrase.inner or (part.phrase,)]
         parts += [Part("filter", f"minus({{}}, {one.measure})", phrase=one) for one in named if not one.is_room]
@@ -1482,16 +1306,16 @@ def _what_hangs_over(np: Phrase) -> Steps:
     return _told(select(Noun("thing", "thing on the wall"), (Part("filter", over, phrase=np),)), "what")
 
 
-@_rule("question", "relation COMMA? what:WHAT (IS | EXIST | ON | IN | IT | HERE)*", cost=-0.2)
-def _what_is_there_in(relation: Parts, what: str) -> Steps:
-    """Read "on the desk, what is there?"."""
-    return _what_is([relation], what)
-
-
-@_rule("question", "(WHICH | WHAT) np? (IS | EXIST)* (AT | NEAR | ON | TO)+ DET* POINT? x:NUM COMMA? y:NUM", cost=-0.8)
-def _what_is_there(x: float, y: float, np: Phrase = EVERYTHING) -> Steps:
-    """Read "which object is at (10, 3.1)?"."""
-    return _told(_changed(np, f"nearest({np.whole or np.text}, 1, [{tidy(x)}, {tidy(y)}])", many=False), "which")
+# "on the desk, what is there?"
+_rule("question", "relation COMMA? what:WHAT (IS | EXIST | ON | IN | IT | HERE)*", cost=-0.2)(
+    lambda relation, what: _what_is([relation], what)
+)
+# "which object is at (10, 3.1)?"
+_rule("question", "(WHICH | WHAT) np? (IS | EXIST)* (AT | NEAR | ON | TO)+ DET* POINT? x:NUM COMMA? y:NUM", cost=-0.8)(
+    lambda x, y, np=EVERYTHING: _told(
+        _changed(np, f"nearest({np.whole or np.text}, 1, [{tidy(x)}, {tidy(y)}])", many=False), "which"
+    )
+)
 
 
 @_rule("question", "WHAT (IS | DOES) np IS? (ON | near:NEAR)", "(ON | near:NEAR) WHAT (IS | DOES) np IS?", cost=-0.2)
@@ -1500,9 +1324,9 @@ def _what_is_it_on(np: Phrase, near: str = "") -> Steps:
     return _told(_changed(EVERYTHING, f"{relation}({EVERYTHING.text}, {np.measure})", np.notes), "what")
 
 
-@_rule("question", "(LOOK AROUND AND LIST)? SEEWHAT (IN? HERE)?")
-def _what_do_you_see() -> Steps:
-    return _told(_changed(EVERYTHING, text='visible(things("anything"))'), "list")
+_rule("question", "(LOOK AROUND AND LIST)? SEEWHAT (IN? HERE)?")(
+    lambda: _told(_changed(EVERYTHING, text='visible(things("anything"))'), "list")
+)
 
 
 @_rule("question", "WHATALL", "WHAT np (IS | EXIST)+ (HERE | IN DET* MAP)?", "LIST DET* np")
@@ -1512,14 +1336,12 @@ def _list(np: Phrase = EVERYTHING) -> Steps:
     return _told(np, "list")
 
 
-@_rule(
+_rule(
     "question",
     "HOWFAR AWAY? (FROM HERE)? IS np AWAY? (FROM HERE)? | HOWFAR AWAY? (IS (IT | HERE)?)? (FROM HERE)? (TO | FROM) np "
     "| HOWFAR np IS? AWAY? (FROM HERE)? | HOWFAR (IT | IS)* (FROM HERE)? (TO | FROM | UNTIL)+ np (FROM HERE)? |"
     " (WHAT IS)? DET? DISTANCE (FROM HERE)? (TO | FROM | OF) np",
-)
-def _how_far(np: Phrase) -> Steps:
-    return (Do(('tell({0.text}, "distance")',), (replace(np, many=False),)),)
+)(lambda np: (Do(('tell({0.text}, "distance")',), (replace(np, many=False),)),))
 
 
 @_rule(
@@ -1547,25 +1369,19 @@ def _how_to_get(b: Phrase, a: Phrase | None = None) -> Steps:
 
 _words("_route", "HOWTOGET | HOWFARTODRIVE")
 _words("_towards", "TO | TOWARD | NEAR | AT | IN | NEAREST")
-
-
-@_rule(
+# "how far is it?"
+_rule(
     "question",
     "HOWFAR apart:APART? IS pair | HOWFAR IS pair apart:APART",
     "(HOWFAR | (WHAT IS)? DET? DISTANCE) BETWEEN pair",
     cost=-0.1,
-)
-def _how_far_between(pair: tuple[Phrase, Phrase], apart: str = "") -> Steps:
-    if pair[0].text == IT and not apart:  # "how far is it?"
-        raise CommandError("")
-    return _how_far_apart(*_apart(pair))
+)(lambda pair, apart="": no_reading() if pair[0].text == IT and not apart else _how_far_apart(*_apart(pair)))
 
 
 @_rule("question", "IS np adjective OR (more:adjective OR?)+", cost=-0.2)
 def _which_color(np: Phrase, adjective: Parts, more: Sequence[Parts]) -> Steps:
     """Read "is the bed red or blue?"."""
-    if any(not part.text.startswith("colored(") for parts in (adjective, *more) for part in parts):
-        raise CommandError("")
+    no_reading_if(any(not part.text.startswith("colored(") for parts in (adjective, *more) for part in parts))
     return _what_color(np)
 
 
@@ -1596,15 +1412,16 @@ def _is_seen(np: Phrase) -> Condition:
     return _exists(np if IN_ROOM.fullmatch(text) else _changed(np, f"visible({text})"))
 
 
-@_rule("condition", "HERE IS? negation:NOT? (NEAR | AT | BY) np", cost=-0.1)
-def _is_near(np: Phrase, negation: str = "") -> Condition:
-    """Read "unless you are already near it"."""
-    return f"distance({{0.argument}}) {'>' if negation else '<='} 1", (replace(np, many=False),)
-
-
-@_rule("condition", "DET? DISTANCE (TO | FROM) np IS? (less:LESSTHAN | MORETHAN) distance", cost=-0.3)
-def _is_so_far(np: Phrase, distance: Measure, less: str = "") -> Condition:
-    return f"distance({{0.argument}}) {'<' if less else '>'} {distance.text}", (replace(np, many=False),)
+# "unless you are already near it"
+_rule("condition", "HERE IS? negation:NOT? (NEAR | AT | BY) np", cost=-0.1)(
+    lambda np, negation="": (f"distance({{0.argument}}) {'>' if negation else '<='} 1", (replace(np, many=False),))
+)
+_rule("condition", "DET? DISTANCE (TO | FROM) np IS? (less:LESSTHAN | MORETHAN) distance", cost=-0.3)(
+    lambda np, distance, less="": (
+        f"distance({{0.argument}}) {'<' if less else '>'} {distance.text}",
+        (replace(np, many=False),),
+    )
+)
 
 
 @_rule("room_has_more", "a:room WITH counted:COUNTED np THAN b:room")
@@ -1620,8 +1437,7 @@ _rule("condition", "in_one_room", cost=-0.3)(lambda in_one_room: in_one_room)
 @_rule("condition", "room WITH np", cost=-0.3)
 def _room_has(room: Phrase, np: Phrase) -> Condition:
     """Read "if the kitchen has a toaster, go to it": what it has is spoken of."""
-    if room.many:
-        raise CommandError("")
+    no_reading_if(room.many)
     inside = f"inside({np.whole or np.text}, {room.text})"
     return "count({0.text}) > 0", (_changed(np, inside, np.notes + room.notes, many=False),)
 
@@ -1634,17 +1450,16 @@ def _exists(np: Phrase) -> Condition:
     return "count({0.text}) > 0", (replace(np, many=False, together=np.many),)
 
 
-@_rule("condition", "relation COMMA? EXIST negation:NOT? np", cost=-0.2)
-def _exists_there(np: Phrase, relation: Parts, negation: str = "") -> Condition:
-    """Read "if in the kitchen there is a toaster"."""
-    return _holds(np, relation, negation=negation)
+# "if in the kitchen there is a toaster"
+_rule("condition", "relation COMMA? EXIST negation:NOT? np", cost=-0.2)(
+    lambda np, relation, negation="": _holds(np, relation, negation=negation)
+)
 
 
 @_rule("condition", "(NOT | WITHOUT | NUMBER) np (ANYWHERE | HERE)* &ASKED", cost=0.1)
 @_rule("condition", "EXIST (NOT | WITHOUT | NUMBER) np EITHER?", "HERE NEVER SEE np", "it:IT NOT np", cost=-0.2)
 def _exists_not(np: Phrase, it: str = "there") -> Condition:
-    if it != "there":  # "there isn't a chair", but not "it isn't a chair"
-        raise CommandError("")
+    no_reading_if(it != "there")  # "there isn't a chair", but not "it isn't a chair"
     return "count({0.text}) == 0", (_changed(np, np.whole or np.text, many=False),)
 
 
@@ -1654,13 +1469,11 @@ def _holds(np: Phrase, relation: Parts = (), adjective: Parts = (), negation: st
     return f"count({{0.text}}) {'==' if negation else '>'} 0", (replace(phrase, many=False),)
 
 
-@_rule(
+_rule(
     "in_one_room",
     "a:np AND b:np IS? negation:NOT? IN DET* (SAME | ONE) ROOM",
     "a:np AND b:np IS? IN _number? (negation:OTHER | negation:DIFFERENT) ROOMS",
-)
-def _in_one_room(a: Phrase, b: Phrase, negation: str = "") -> Condition:
-    return _holds(a, _inside_of(b), negation=negation)
+)(lambda a, b, negation="": _holds(a, _inside_of(b), negation=negation))
 
 
 def _inside_of(np: Phrase) -> Parts:
@@ -1685,28 +1498,28 @@ def _of_its_name(phrase: Phrase, parts: Parts) -> Phrase:
     return refine(Phrase(phrase.base, phrase.base, phrase.word, True), parts)
 
 
-@_rule("condition", "(EXIST | IT WITH) EXACTLY? n:whole HERE? &(COMMA | THEN)", cost=-0.3)
-def _so_many_of_it(n: int) -> Condition:
-    """Read "if there are three, ...", "if it has two, ..." after "if the office has four desks, ..."."""
-    return _at_least(n, only="exactly")
-
-
-@_rule("condition", "room WITH (ATLEAST | only:EXACTLY)? n:whole np", cost=-0.5)
-def _room_has_so_many(room: Phrase, n: int, np: Phrase, only: str = "") -> Condition:
-    """Read "if the office has two desks, ..."."""
-    return _at_least(n, _changed(np, f"inside({np.whole or np.text}, {room.text})"), only=only)
+# "if there are three, ...", "if it has two, ..." after "if the office has four desks, ..."
+_rule("condition", "(EXIST | IT WITH) EXACTLY? n:whole HERE? &(COMMA | THEN)", cost=-0.3)(
+    lambda n: _at_least(n, only="exactly")
+)
+# "if the office has two desks, ..."
+_rule("condition", "room WITH (ATLEAST | only:EXACTLY)? n:whole np", cost=-0.5)(
+    lambda room, n, np, only="": _at_least(n, _changed(np, f"inside({np.whole or np.text}, {room.text})"), only=only)
+)
 
 
 @_rule("condition", "EXIST counted:COUNTED a:np THAN (b:np | relation)", cost=-0.3)
-def _counts(counted: str, a: Phrase, b: Phrase | None = None, relation: Parts = ()) -> Condition:
+def _counts(
+    counted: str, a: Phrase, b: Phrase | None = None, relation: Parts = ()
+) -> tuple[str, tuple[Phrase, Phrase]]:
     b = b or _of_its_name(a, relation)
     room = IN_ROOM.fullmatch(a.text)
     if room and ALL.fullmatch(b.text):  # "more chairs in the kitchen than windows"
         b = _changed(b, f"inside({b.text}, {room[1]})")
     elif (room := IN_ROOM.fullmatch(b.text)) and ALL.fullmatch(a.text) and a.base != b.base:
         a = _changed(a, f"inside({a.text}, {room[1]})")  # "more chairs than windows in the kitchen"
-    phrases = tuple(_changed(one, one.whole or one.text, many=False) for one in (a, b))
-    return f"count({{0.text}}) {'>' if counted == 'more' else '<'} count({{1.text}})", phrases
+    a, b = (_changed(one, one.whole or one.text, many=False) for one in (a, b))
+    return f"count({{0.text}}) {'>' if counted == 'more' else '<'} count({{1.text}})", (a, b)
 
 
 @_rule("condition", "a:np IS compared HERE? THAN b:np", cost=-0.3)
@@ -1722,8 +1535,7 @@ def _is_more(a: Phrase, compared: str, b: Phrase) -> Condition:
 @_rule("condition", "EXIST np compared HERE?", "np IS compared HERE?", cost=-0.3)
 def _is_nearer(np: Phrase, compared: str) -> Condition:
     """Read "unless there is a bed closer to you": than what is gone to."""
-    if compared not in ("near", "far"):
-        raise CommandError("")
+    no_reading_if(compared not in ("near", "far"))
     sign = "<" if compared == "near" else ">"
     return f"distance({{1.argument}}) {sign} distance({{0.argument}})", (Phrase(IT, "", "thing"), np)
 
@@ -1751,12 +1563,10 @@ def _is_nearer(np: Phrase, compared: str) -> Condition:
     cost=-0.2,
 )
 def _avoided(targets: tuple[Phrase, ...], distance: Measure | None = None, **_: str) -> Steps:
-    if distance and not distance.has_unit:
-        raise CommandError("")
+    no_reading_if(distance and not distance.has_unit)
     more = f", {distance.text}" if distance else ""
     notes = distance.note if distance else ()
-    if any(one.text == IT for one in targets) and distance:  # what is gone to: as far as that from it
-        raise CommandError("")
+    no_reading_if(any(one.text == IT for one in targets) and distance)  # what is gone to: as far as that from it
     whole = [_changed(one, one.text if one.is_room else one.whole or one.text, many=False) for one in targets]
     return tuple(Do((f"avoid({{0.argument}}{more})",), (phrase,), notes) for phrase in whole)
 
@@ -1778,24 +1588,21 @@ _words(
     "order COMMA? said:NOWAIT",
 )
 def _times(order: Steps, times: int = 1, n: int = 1, said: str = "instead") -> Steps:
-    if n != 1 or said not in ("instead", "rather"):  # "look at the sofa first"
-        raise CommandError("")
+    no_reading_if(n != 1 or said not in ("instead", "rather"))  # "look at the sofa first"
     if not 1 <= times <= _MAX_TIMES:
         raise CommandError(f"an order can be repeated from 1 to {_MAX_TIMES} times, found {times}")
     return (Repeat(times, order),) if times > 1 else order
 
 
-@_rule("done", "order (COMMA | STOP | AND | THEN)* verb:TAKE", cost=0.2)
-def _shown(order: Steps, verb: str) -> Steps:
-    """Read "I want to sit down, show me the way"."""
-    if not verb.endswith(("way", "where", "is", "go")):
-        raise CommandError("")
-    return order
+# "I want to sit down, show me the way"
+_rule("done", "order (COMMA | STOP | AND | THEN)* verb:TAKE", cost=0.2)(
+    lambda order, verb: no_reading() if not verb.endswith(("way", "where", "is", "go")) else order
+)
 
 
 @_rule(
     "done",
-    "order ((COMMA | STOP | BY | FOR | ONLY | _just_so)* angle)+",
+    "order ((COMMA | STOP | BY | FOR | ONLY | EXACTLY)* angle)+",
     "order ((COMMA | STOP | BY | FOR | ONLY)* distance)+",
     "order ONCE? (COMMA | STOP)+ way",
     cost=-0.1,
@@ -1826,9 +1633,6 @@ def _resized(step: Do, call: str, measure: Measure, sizes: Container[str] | None
     raise CommandError("")
 
 
-_words("_just_so", "EXACTLY")
-
-
 @_rule("done", "order COMMA ONLY? TURN", cost=0.1)
 def _just_turn(order: Steps) -> Steps:
     """Read "turn so that the couch is on your right, just turn"."""
@@ -1839,13 +1643,14 @@ def _just_turn(order: Steps) -> Steps:
 
 @_rule("marked", "(n:ORD | last:LASTLY) STAND? (IS | COMMA)* (done | wanted)", cost=0.1)
 @_rule("marked", "DET* goal:GOAL (IS | COMMA | STOP)* wanted", cost=-0.5)
-@_rule("marked", "(done | wanted) (IS | GO)? (n:ORD | last:LASTLY)")
+@_rule("marked", "(done | wanted) (IS | GO)? (n:ORD | last:LASTLY | next:AFTER !_np)")
 @_rule("marked", "STARTWITH wanted | last:ENDWITH wanted", "done")
-def _marked(done: Steps = (), wanted: Steps = (), n: int = 0, last: str = "", goal: str = "") -> tuple[int, Steps]:
+def _marked(
+    done: Steps = (), wanted: Steps = (), n: int = 0, last: str = "", goal: str = "", next: str = ""
+) -> tuple[int, Steps]:
     """Read "first the fridge", "the fridge comes last", "end at the fridge": a step, and which one it is."""
-    if goal and not re.search(r"last|final", goal):
-        raise CommandError("")
-    return -1 if last or goal else n or int(not done), done or wanted
+    no_reading_if(goal and not re.search(r"last|final", goal))
+    return -1 if last or goal else n or int(not (done or next)), done or wanted
 
 
 @_rule("logical", "one:marked (_mid+ more:marked)+ !(_mid+ _marked)", cost=-0.3)
@@ -1858,8 +1663,7 @@ def _as_marked(one: tuple[int, Steps], more: Sequence[tuple[int, Steps]]) -> Ste
     told = [step for _, steps in in_turn for step in steps if isinstance(step, Do) and "‹" not in str(step.phrases)]
     if len({*map(str, told)}) < sum(len(steps) for _, steps in marked):  # one twice, or one that refers to another
         raise CommandError("")
-    if not said or len({*said}) < len(said) or (0 in ranks and not {*said} <= {1, -1}):
-        raise CommandError("")
+    no_reading_if(not said or len({*said}) < len(said) or (0 in ranks and not {*said} <= {1, -1}))
     return tuple(replace(step, verb="") if step in _go_to(step.phrases) else step for step in told)
 
 
@@ -1908,19 +1712,6 @@ def _one_first(
 _words("_and_others", "_mid+ (ORD | AFTER | THEN)* DET? (OTHER (ONE | ONES)? | ONES) (ORD | AFTER | THEN | LASTLY)*")
 
 
-@_rule("done", "order COMMA? ENDLESS", "ENDLESS order", cost=0.1)
-def _endlessly(order: Steps) -> Steps:
-    """Read "circle the plant forever": once."""
-    first = order[0]
-    notes = ("what is to go on without an end is done once",)
-    head = (
-        replace(first, steps=(replace(first.steps[0], notes=notes), *first.steps[1:]))
-        if isinstance(first, Repeat)
-        else replace(first, notes=notes)
-    )
-    return (head, *order[1:])
-
-
 @_rule("item", "ORD COMMA? question", cost=0.2)
 @_rule("item", "place:PLACE (COMMA | STOP | AND | SO)+ question", cost=-0.5)
 def _numbered_question(question: Steps, place: Noun | None = None) -> Steps:
@@ -1930,17 +1721,12 @@ def _numbered_question(question: Steps, place: Noun | None = None) -> Steps:
     return question
 
 
-@_rule("item", "question (COMMA | STOP | AND)+ NEED IT", cost=-0.3)
-def _asked_and_needed(question: Steps) -> Steps:
-    """Read "where is my suitcase? I need it": why it is asked."""
-    return question
-
-
-@_rule("done", "(ORD | after:AFTER) COMMA? done", "NEED HERE? TO? done", "(HERE | GO) &(_verb | STAND) done", cost=0.2)
-def _numbered_order(done: Steps, after: str = "after") -> Steps:
-    if after != "after":  # "when you go to the kitchen"
-        raise CommandError("")
-    return done
+# "where is my suitcase? I need it": why it is asked
+_rule("item", "question (COMMA | STOP | AND)+ NEED IT", cost=-0.3)(lambda question: question)
+# "when you go to the kitchen"
+_rule("done", "(ORD | after:AFTER) COMMA? done", "NEED HERE? TO? done", "(HERE | GO) &(_verb | STAND) done", cost=0.2)(
+    lambda done, after="after": no_reading() if after != "after" else done
+)
 
 
 @_rule("item", "done", "question", "logical")
@@ -1966,8 +1752,7 @@ def _body(done: Steps = (), question: Steps = (), more: Sequence[Steps] = ()) ->
 @_rule("logical", "condition:if (COMMA | THEN)* said:HALT _mayhap OTHERWISE COMMA? b:body", cost=-0.3)
 def _if_stop_there(condition: Condition, said: str, b: Steps) -> Steps:
     """Read "if the tablet is on the table, stop there, otherwise go to the desk": there, where it is."""
-    if not said.endswith("there") or not condition[1]:
-        raise CommandError("")
+    no_reading_if(not said.endswith("there") or not condition[1])
     return _if(condition, _go_to(_there()), b)
 
 
@@ -1994,8 +1779,7 @@ def _if(condition: Condition, a: Steps, b: Steps = ()) -> Steps:
     "a:done COMMA? UNLESS condition _mayhap b:order COMMA? said:NOWAIT",
 )
 def _unless(condition: Condition, a: Steps, b: Steps = (), said: str = "instead") -> Steps:
-    if said not in ("instead", "rather"):
-        raise CommandError("")
+    no_reading_if(said not in ("instead", "rather"))
     test, phrases = condition
     inverse = test.replace(" > 0", " == 0") if test.endswith(" > 0") else f"not {test}"
     return (Choose(inverse, phrases, a, b, after=any(IT in phrase.text for phrase in phrases)),)
@@ -2020,15 +1804,14 @@ def _where_it_is_missing(a: Steps, condition: Condition, b: Steps) -> Steps:
     """Read "go to the piano. If there is no piano, go to the sofa": one of the two, as with "if there is none"."""
     test, (missing, *_) = condition
     gone_to = [one.whole or one.text for one in a[0].phrases] if isinstance(a[0], Do) else []
-    if test != "count({0.text}) == 0" or gone_to != [missing.text]:
-        raise CommandError("")
+    no_reading_if(test != "count({0.text}) == 0" or gone_to != [missing.text])
     return _or_else(a, b)
 
 
 @_rule(
     "logical",
-    "_go _dets word:WORD+ name:NOUN _mayhap (OTHERWISE | IF EXIST (NOT | WITHOUT | NUMBER) WORD+ NOUN) (COMMA | THEN)* "
-    "b:done",
+    "(_go _dets word:WORD+ name:NOUN | IF EXIST _dets word:WORD+ name:NOUN (COMMA | THEN)* _go IT) _mayhap "
+    "(OTHERWISE | IF EXIST (NOT | WITHOUT | NUMBER) WORD+ NOUN) (COMMA | THEN)* b:done",
     cost=-0.2,
 )
 def _unknown_or_else(word: Sequence[str], name: Noun, b: Steps) -> Steps:
@@ -2037,19 +1820,15 @@ def _unknown_or_else(word: Sequence[str], name: Noun, b: Steps) -> Steps:
     return _or_else(_go_to((select(Noun(said, said, False, count=0), ()),)), b)
 
 
-@_rule("logical", "a:done COMMA? condition:if (_mayhap OTHERWISE COMMA? b:items)?")
-def _only_if(a: Steps, condition: Condition, b: Steps = ()) -> Steps:
-    return (Choose(*condition, a, b, after=True),)
-
-
-@_rule(
+_rule("logical", "a:done COMMA? condition:if (_mayhap OTHERWISE COMMA? b:items)?")(
+    lambda a, condition, b=(): (Choose(condition[0], condition[1], a, b, after=True),)
+)
+_rule(
     "logical",
     "b:done _mayhap BUTFIRST COMMA? a:done | BEFORE b:done COMMA? a:done | b:done COMMA? AFTER a:done | a:done "
     "COMMA? BEFORE b:done | AFTER a:done COMMA? b:done",
     cost=0.1,
-)
-def _in_order(a: Steps, b: Steps) -> Steps:
-    return (*a, *b)
+)(lambda a, b: (*a, *b))
 
 
 @_rule("logical", "BEFORE b:done COMMA? PASS targets", cost=-0.3)
@@ -2087,8 +1866,7 @@ _words("_else", "_mayhap (OTHERWISE COMMA? | LACKING (COMMA | STOP | THEN)+)")
 def _if_and_if_not(condition: Condition, a: Steps, other: Condition, b: Steps) -> Steps:
     """Read "if there is a dog go to it, and if there is no dog go to the tv"."""
     (test, (named, *_)), (inverse, (missing, *_)) = condition, other
-    if {test, inverse} != {"count({0.text}) > 0", "count({0.text}) == 0"} or named.base != missing.base:
-        raise CommandError("")
+    no_reading_if({test, inverse} != {"count({0.text}) > 0", "count({0.text}) == 0"} or named.base != missing.base)
     return (Choose(test, condition[1], a, b),)
 
 
@@ -2133,8 +1911,7 @@ def _but(b: Steps, not_: Steps = ()) -> Steps:
     no = [one for step in not_ if isinstance(step, Do) for one in step.phrases if one.base == ONE != one.text]
     if not no or not isinstance(b[0], Do) or not any(IT in one.text for one in b[0].phrases):
         return b
-    if len(no) > 1 or b[0].phrases[0].text != IT:
-        raise CommandError("")
+    no_reading_if(len(no) > 1 or b[0].phrases[0].text != IT)
     rest = replace(b[0].phrases[0], text=f"minus({ONE}, {no[0].whole or no[0].text})", base=ONE, any=False)
     return (replace(b[0], phrases=(rest,)), *b[1:])
 
@@ -2157,8 +1934,7 @@ def _introduced(
     exist: str = "there",
 ) -> Phrase:
     """Read "at the long table there are two chairs side by side", "the row of chairs in front of the counter"."""
-    if exist.split(maxsplit=1)[0] in _ASKS:
-        raise CommandError("")
+    no_reading_if(exist.split(maxsplit=1)[0] in _ASKS)
     parts = [part for parts in (*pre, *relation, *post) for part in parts]
     if row:  # what stands in a row along something is next to it
         parts += [Part("filter", f"near({{}}, {part.of})") for part in parts if part.kind == "filter" and part.of]
@@ -2169,15 +1945,12 @@ def _introduced(
 def _declared_both(exist: str, a: Phrase, b: Phrase) -> Phrase:
     """Read "there is a chair on your left and a chair on your right", "... and one on your right"."""
     b = replace(b, text=b.text.replace(ONE, a.base), base=a.base) if b.base == ONE else b
-    if exist.split(maxsplit=1)[0] in _ASKS or a.base != b.base:
-        raise CommandError("")
+    no_reading_if(exist.split(maxsplit=1)[0] in _ASKS or a.base != b.base)
     return replace(united([replace(one, text=one.single) for one in (a, b)]), base=a.base, many=True)
 
 
-@_rule("declared", "&(_np FINITE !WHAT) thing", cost=-0.25)
-def _declared(thing: Phrase) -> Phrase:
-    """Read "one of the desks has a plant on it"."""
-    return thing
+# "one of the desks has a plant on it"
+_rule("declared", "&(_np FINITE !WHAT) thing", cost=-0.25)(lambda thing: thing)
 
 
 @_rule("logical", "topic:declared ((COMMA | AND | STOP | THEN | BUT)+ | &_verb) b:items", cost=-1.2)
@@ -2185,8 +1958,7 @@ def _declared(thing: Phrase) -> Phrase:
 def _of_declared(topic: Phrase, b: Steps = (), aside: Steps = ()) -> Steps:
     """Read "there are two chairs at the table. Go to the left one", "the desk has a lamp on it. Go to that desk"."""
     refers = isinstance(step := (b or aside)[0], Do | Choose) and any("‹" in one.text for one in step.phrases)
-    if refers != bool(b):
-        raise CommandError("")
+    no_reading_if(refers != bool(b))
     # "The bench in the office is new. Go to the bench": that one.
     told = _changed(topic, topic.text)
     aside = tuple(
@@ -2205,14 +1977,13 @@ def _headed(topic: Phrase, stop: str, b: Steps) -> Steps:
     """Read "the appliances: oven, fridge, then the sink", "the yellow things: both armchairs": each as it is named."""
     named = [one for step in b if isinstance(step, Do) for one in step.phrases]
     alone = len(named) == len(b) and not any("‹" in one.text for one in named)
-    if (
+    no_reading_if(
         stop != ":"
         or not (topic.many or "anything" in topic.base)
         or topic.free
         or not alone
         or not (len(b) > 1 or "anything" in topic.base)
-    ):
-        raise CommandError("")
+    )
     return b
 
 
@@ -2248,8 +2019,7 @@ def _of_topic(topic: Phrase, b: Steps, named: Phrase | None = None, struck: str 
 def _not_but(b: Steps, topic: Phrase, more: Sequence[Phrase] = ()) -> Steps:
     """Read "not the near chair, the other one", "not the lamp on the desk, not the one by the bed. The last one."."""
     it = any(IT in phrase.text for step in b[:1] if not isinstance(step, Repeat) for phrase in step.phrases)
-    if it or topic.greedy or LAST in topic.text or any(one.base != ONE for one in more):
-        raise CommandError("")
+    no_reading_if(it or topic.greedy or LAST in topic.text or any(one.base != ONE for one in more))
     if not more and topic.base not in (ONE, "rooms()") and all(isinstance(one, Do) for one in b):
         named = [phrase.base for one in b if isinstance(one, Do) for phrase in one.phrases]
         if named and not {ONE, SAME, topic.base} & {*named}:  # "not the sofa, the table"
@@ -2269,8 +2039,7 @@ def _not_but(b: Steps, topic: Phrase, more: Sequence[Phrase] = ()) -> Steps:
 
 def _taken_from(steps: Steps, topic: Phrase, group: Phrase) -> Steps:
     """Return the steps with "it", "one" and "the other" of the first of them taken from what was named before them."""
-    if topic.free or topic.base == ONE:
-        raise CommandError("")
+    no_reading_if(topic.free or topic.base == ONE)
     found: list[Step] = []
     for step in steps:
         told = isinstance(step, Do) and "".join(step.lines).startswith("tell(")
@@ -2281,8 +2050,7 @@ def _taken_from(steps: Steps, topic: Phrase, group: Phrase) -> Steps:
         found.append(replace(step, phrases=taken))
         if isinstance(step, Do) and not step.lines:  # what follows speaks of what is only named here
             break
-    if not found:
-        raise CommandError("")
+    no_reading_if(not found)
     return (*found, *steps[len(found) :])
 
 
@@ -2313,8 +2081,7 @@ def _taken(phrase: Phrase, topic: Phrase, group: Phrase, *, told: bool, first: b
 def _one_of_topic(topic: Phrase, b: Steps) -> Steps:
     """Read "of the two couches, the one with the bear on it"."""
     chosen = b[0].phrases if isinstance(b[0], Do) else ()
-    if not topic.many or len(chosen) != 1 or chosen[0].base not in (ONE, SAME) or chosen[0].text == IT:
-        raise CommandError("")
+    no_reading_if(not topic.many or len(chosen) != 1 or chosen[0].base not in (ONE, SAME) or chosen[0].text == IT)
     return _of_topic(topic, b)
 
 
@@ -2348,8 +2115,6 @@ def _of_numbered(np: Phrase, n: int, noun: Noun | None = None) -> Steps:
 
 
 _words("_forth", "FORWARD distance")
-
-
 _rule("next", "(COMMA | AND | THEN | STOP | BUT)* (AND | THEN) (COMMA | AND | THEN | STOP | BUT)* item")(
     lambda item: (True, item)
 )
@@ -2408,8 +2173,7 @@ def _items(item: Steps, next: Sequence[tuple[bool | None, Steps]] = ()) -> Steps
         raise CommandError("")  # "the bar: second stool" is one thing, told twice
     steps = [*item]
     driven = [step for step in (*item, *(one for _, more in next for one in more)) if isinstance(step, Do)]
-    if any(step.verb == _ONWARD for step in driven) and not any(_is_driven(step) for step in driven):
-        raise CommandError("")
+    no_reading_if(any(step.verb == _ONWARD for step in driven) and not any(_is_driven(step) for step in driven))
     for joint, said in next:
         turned = steps[-1:] == [*_turn_around()]  # "turn around and come back a metre": the way it faces by then
         more = tuple(_reversed(one) if turned and one is said[0] else one for one in said)
@@ -2427,9 +2191,7 @@ def _items(item: Steps, next: Sequence[tuple[bool | None, Steps]] = ()) -> Steps
     return tuple(steps)
 
 
-@_rule("start", "_mayhap items (COMMA | STOP | THEN)*")
-def _start(items: Steps) -> Steps:
-    return items
+_rule("start", "_mayhap items (COMMA | STOP | THEN)*")(lambda items: items)
 
 
 @_rule(
@@ -2467,8 +2229,7 @@ def _keeping_away(avoided: Steps, a: Steps = (), b: Steps = ()) -> Steps:
 )
 def _kept_off(distance: Measure, np: Phrase, away: str = "") -> Steps:
     """Read "stay at least two metres away from the couch", with nothing else to do: so far away, unless it is."""
-    if not distance.has_unit or np.text == IT:
-        raise CommandError("")
+    no_reading_if(not distance.has_unit or np.text == IT)
     return (Choose(f"distance({{0.argument}}) < {distance.text}", (np,), _go_off(distance, np, off="away")),)
 
 
@@ -2496,8 +2257,7 @@ def _instead_so_much(
 def _the_other_way_round(items: Steps, again: Steps = ()) -> Steps:
     """Read "the sofa, then the basket. No, the other way round: basket first": the steps, the last of them first."""
     steps = [step for step in items if isinstance(step, Do) and step.phrases and "‹" not in str(step.phrases)]
-    if not 2 <= len(steps) == len(items):
-        raise CommandError("")
+    no_reading_if(not 2 <= len(steps) == len(items))
     told = [str(step.phrases) for step in again if isinstance(step, Do)]
     if told != [str(step.phrases) for step in steps[::-1]][: len(told)]:
         raise CommandError("the order that is meant was not understood")
@@ -2506,19 +2266,14 @@ def _the_other_way_round(items: Steps, again: Steps = ()) -> Steps:
 
 _words("_struck", "(NOWAIT (COMMA | STOP)*)+ items")
 _words("_items", "items")
-
-
-@_rule("start", "_mayhap _items _mayhap (NOWAIT COMMA?)+ _np b:question _mayhap", cost=0.3)
-def _asked_instead(b: Steps) -> Steps:
-    """Read "how many cups, no, bottles, how many bottles are there?"."""
-    return b
+# "how many cups, no, bottles, how many bottles are there?"
+_rule("start", "_mayhap _items _mayhap (NOWAIT COMMA?)+ _np b:question _mayhap", cost=0.3)(lambda b: b)
 
 
 @_rule("start", "_mayhap np COMMA room _mayhap", cost=0.3)
 def _in_room(np: Phrase, room: Phrase) -> Steps:
     """Read "tv, bedroom"."""
-    if np.many or np.free:
-        raise CommandError("")
+    no_reading_if(np.many or np.free)
     return _go_to((replace(np, text=f"inside({np.text}, {room.text})"),))
 
 
@@ -2545,8 +2300,7 @@ def _instead(b: Steps, items: Steps = (), said: str = "") -> Steps:
         taken = [one if told else _taken(one, struck, struck, told=False, first=True) for one in lent_to]
         first = replace(first, phrases=tuple(taken))
         in_room = not struck.is_room and "room" in struck.text and any(one.is_room for one in taken)
-        if in_room or any(one.text == struck.text for one in taken):
-            raise CommandError("")  # a correction says something else
+        no_reading_if(in_room or any(one.text == struck.text for one in taken))  # a correction says something else
     if isinstance(last, Do) and last.phrases and isinstance(first, Do) and not first.verb:
         first = replace(last, phrases=(*first.phrases, *last.phrases[1:]))
     return (*items[:-1], first, *b[1:])

@@ -507,15 +507,17 @@ class Sets(Grounding):
         return [one for one in kept if one[:2] not in behind]
 
     def _on(self, S: Named, T: Named, *, within: bool = False) -> Things:
-        """Keep what stands on a thing; with ``within``, and of a shelf, also what lies under its top."""
+        """Keep what stands on a thing; with ``within``, and of a shelf, also what lies on its lower boards."""
         if self.room_of(T) is not None:
             return self._inside(S, T)
         things, others = self.things_of(S), self.things_of(T)
         tops = [other for other in others if not (within or plain(other.label).endswith(_BOARDS))]
         hidden = [i for i in things if i.id in self.hidden_ids]
-        # What stands within a shelf does so by its surface in space rather than by its cells.
-        kept = {i.id for i in hidden if self._stands_so(i, others, ("on", "inside"))}
-        kept -= {i.id for i in hidden if self._stands_so(i, tops, ("under",))}
+        # What stands on a lower board does so by its surface in space rather than by its cells.
+        kept = {
+            i.id for i in hidden if self._stands_so(i, others, ("on",)) and not self._stands_so(i, tops, ("under",))
+        }
+        kept |= {i.id for i in hidden if self._stands_so(i, others, ("inside",))}
         shown = [i for i in things if i.id not in self.hidden_ids]
         kept |= {a for a, _ in self._standing(shown, others, hanging=False)}
         kept |= {i.id for i in shown if self._stands_so(i, others, ("on",))}

@@ -97,6 +97,13 @@ def _gerund(verb: str) -> str:
     return verb if verb.endswith("ing") else f"{verb}ing"
 
 
+def third_person(verb: str) -> str:
+    """Return what a verb is called where one does it: "sit" -> "sits", "carry" -> "carries"."""
+    if re.search(r"(?:ch|sh|s|x|z|o)$", verb):
+        return f"{verb}es"
+    return f"{verb[:-1]}ies" if re.search(r"[^aeiou]y$", verb) else f"{verb}s"
+
+
 def _tokens(phrases: dict[str, list[str]]) -> dict[Words, list[tuple[str, str]]]:
     found: dict[Words, list[tuple[str, str]]] = {}
     for token, spoken in phrases.items():
@@ -175,7 +182,7 @@ AROUND_QUESTIONS: Final[dict[str, Any]] = _WORDS["around_questions"]
 """Words of which the rest of a question is made, see `questions`."""
 NO_NAMES: Final = frozenset(_WORDS["no_names"])
 """Words that no thing is called."""
-EVERYDAY: Final = frozenset(_WORDS["everyday"]).union(*PHRASES)
+EVERYDAY: Final = frozenset(_WORDS["everyday"]).union(map(third_person, VERBS), *PHRASES)
 """Everyday words, and all that occur in phrases: never taken for a misspelling of another."""
 
 ANY: Final = "any "
@@ -313,13 +320,6 @@ def _singular_word(word: str) -> str:
     if len(word) > 2 and word.endswith("s") and not word.endswith(("ss", "us")):
         return word[:-1]
     return word
-
-
-def third_person(verb: str) -> str:
-    """Return what a verb is called where one does it: "sit" -> "sits", "carry" -> "carries"."""
-    if re.search(r"(?:ch|sh|s|x|z|o)$", verb):
-        return f"{verb}es"
-    return f"{verb[:-1]}ies" if re.search(r"[^aeiou]y$", verb) else f"{verb}s"
 
 
 def plural(phrase: str) -> str:
@@ -473,7 +473,7 @@ class Vocabulary:
             if len(words) >= length and all(word.isalpha() for word in words[:length]):
                 found = correct(spoken, self._here) or correct(singular(spoken), self._here)
                 found = found or (correct(singular(spoken), self._sorted) if len(spoken) > 5 else None)
-                if found:
+                if found and (length == 1 or EVERYDAY.isdisjoint({*words[:length]} - {*found.split()})):
                     return (plural(found) if singular(spoken) != spoken else found), length
         return "", 0
 

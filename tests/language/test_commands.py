@@ -278,6 +278,13 @@ def test_how_many_are_short_is_no_question_of_their_size() -> None:
         read_command("How many chairs are we short?", LABELS)
 
 
+def test_what_no_room_and_no_thing_is_called_is_looked_up_by_that_name() -> None:
+    assert read_command("go to the shop room", LABELS).program == 'robot.move_to_object(room("shop room"))'
+    assert read_command("go to the couch room", LABELS).program == 'robot.move_to_object(room("couch"))'
+    said = "if there's a pool table go to it, if not the couch is fine"
+    assert 'search("pool table")' in read_command(said, LABELS).program
+
+
 def test_a_word_that_takes_in_the_full_stop_is_no_traceback() -> None:
     read = read_command("Chair that's closest to the table, there you wait.", LABELS)
     assert read.program.startswith('robot.move_to_object(nearest(things("chair"), 1, nearest(things("dining table"))))')
@@ -292,6 +299,8 @@ def test_a_word_that_takes_in_the_full_stop_is_no_traceback() -> None:
         ("go to the frobnicated chair", "frobnicated"),
         ("fly to the chair", "fly to the chair"),
         ("sing a song", "sing a song"),
+        ("tell Tom to go to the couch", "tell"),
+        ("go to the couch once the soup boils", "soup"),
     ],
 )
 def test_words_not_understood_are_named_with_examples_that_work(simap, said: str, words: str) -> None:
@@ -864,6 +873,22 @@ def test_what_opens_a_sentence_and_says_more_is_not_left_out(said: str) -> None:
             "More than three chairs? Then the couch. Fewer, then the table.",
             "if there are more than three chairs, go to the couch, otherwise go to the table",
         ),
+        ("How many chairs does the table have around it?", "how many chairs does the table have?"),
+        ("more chairs or more couches in here?", "are there more chairs in here or more couches in here?"),
+        ("To the table. No, hang on, the couch first and the table after.", "go to the couch, then to the table"),
+        (
+            "Which is further from the plant, the couch or the table?",
+            "is the couch or the table farther from the plant?",
+        ),
+        ("go to the couch somebody left behind", "go to the couch"),
+        ("There should be a plant right beside the couch. Go to it.", "there is a plant beside the couch. Go to it."),
+        ("Find the couch, my kid's late for school.", "find the couch"),
+        ("Visit every chair at the table, skip all the others.", "visit every chair at the table"),
+        ("Go to the kitchen chair, not the bedroom one.", "go to the chair in the kitchen, not the bedroom one"),
+        ("My legs hurt, take me somewhere suitable.", "I want to sit"),
+        ("I fancy a lie-down, show me where I can do that.", "I want to lie down, show me where I can do that"),
+        ("Stand in front of the couch, about a metre off.", "stand a metre in front of the couch"),
+        ("how many chairs you see on the map?", "how many chairs are there?"),
     ],
 )
 def test_the_same_said_in_other_words(said: str, like: str) -> None:

@@ -546,6 +546,11 @@ def test_what_no_cell_shows_is_spoken_of_where_it_stands_on_or_under_something()
     # What is doubtful, and a sliver beside others, does not count.
     assert [one.id for one in with_hidden.objects if one in with_hidden.hidden] == [901, 904]
     assert with_hidden.doubtful == {904}
+    # A table's top is over what lies on its lower board, too.
+    assert ids(evaluate(with_hidden, TOY_POSE, "on('chair', 'dining table')")) == []
+    at = {table.id: 1.0}
+    vars(with_hidden)["in_space"] = {one.id: InSpace(box, at, at, at, 2, (0, 0, 0)) for one in chairs}
+    assert ids(evaluate(with_hidden, TOY_POSE, "on('chair', 'dining table')")) == [901]
     sliver = dataclasses.replace(simap, hidden=(below(901, cells=2),))
     assert sliver.objects == sliver.instances
 
