@@ -14,9 +14,9 @@ expectation, or a list of which any will do; all keys of an expectation have to 
 - ``refuse``: nothing else is right; ``or_refuse``: a refusal is right as well.
 
 Run it: ``python tests/helpers/spoken.py ROUND.json... [--wrong] [--maps FOLDER]``; FOLDER holds house.npz and
-breakroom.npz, built of the shared sequences (the break room with ``VoteSettings(rounds=0)``, as it was when the rounds
-were written); without it their commands are left out. home.npz, office.npz, canteen.npz and shop.npz
-are the embedded places with light errors.
+breakroom.npz, built of the shared sequences (the break room with ``VoteSettings(rounds=0)``, as it was when most rounds
+were written, and as breakroom-built.npz as `simaps build` makes it); without it their commands are left out. home.npz,
+office.npz, canteen.npz and shop.npz are the embedded places with light errors.
 """
 
 import argparse
