@@ -68,6 +68,8 @@ class Things:
     """Of a set in an order: how far along it each is, in the smallest step that the map can tell."""
     tied: tuple[Any, ...] = ()
     """Once the first were chosen: those that are as near, as large and so on, as far as the map can tell."""
+    surer: tuple[Any, ...] = ()
+    """Of the nearest, if that is doubtful: the nearest that is not, which others are looked for by."""
 
     def __len__(self) -> int:
         return len(self.items)

@@ -54,10 +54,13 @@ _NOBODY_M: Final = 0.5
 _WITHIN: Final = 0.5
 _RELATIONS: Final = ("near", "on", "under", "inside", "side", "between")
 """Functions to which "the table" may be another than the nearest, see `the`."""
+_BY_ANCHOR: Final = (*_RELATIONS, "opposite", "facing", "order", "nearest", "farthest")
+"""Functions whose arguments other than S are what things are looked for by."""
 ALIKE: Final = 0.05
 """Share by which areas may differ and still be taken for as large, see `Sets._sorted_by`."""
 _SPECK_M2: Final = 0.05
 _DOORS: Final = ("door", "doorway", "entrance", "exit")
+_MAX_LISTED: Final = 8
 _NO_COLORS: Final = "The colours of things are not known on this map."
 _ACROSS_M: Final = 0.6
 """What is opposite a thing is at least this far from it: the table in front of a couch is not."""
@@ -130,6 +133,8 @@ class Sets(Grounding):
         self._values: list[Any] = []
         self.notes: dict[str, None] = {}
         """What was chosen although the map cannot tell it from others, in words."""
+        self.anchors: dict[int, None] = {}
+        """Ids of the single things that others were looked for by: of "the chair by the oven" the oven."""
         self.among: tuple[int, ...] = ()
         """Ids of the things that the last choice was made of, in the order of that choice."""
         self.away_m: tuple[float, ...] = ()
@@ -147,7 +152,10 @@ class Sets(Grounding):
             PlanningError: when there is no way around, or the work exceeds its limit.
         """
         self.look(sum(len(value) for value in arguments.values() if isinstance(value, Things)) + 1)
+        if function.name in _BY_ANCHOR:
+            arguments = {name: value if name == "S" else self._surer(value) for name, value in arguments.items()}
         found = getattr(self, f"_{function.name}")(**arguments)
+        before = dict(self.anchors)
         if isinstance(found, Things) and not found.items and function.name in _RELATIONS:
             # "The bottles on the counter" are on that counter which has bottles, if the nearest has none.
             for name, value in arguments.items():
@@ -155,7 +163,25 @@ class Sets(Grounding):
                     fitting = self.call(function, {**arguments, name: one_thing(other)})
                     if fitting.items:
                         return fitting
+                    self.anchors = dict(before)
+        if function.name in _BY_ANCHOR:
+            self._note_anchors(*(value for name, value in arguments.items() if name != "S"))
         return found
+
+    def _note_anchors(self, *values: Any) -> None:
+        """Remember those values that are one thing as what others were looked for by."""
+        for value in values:
+            one = value.items[0] if isinstance(value, Things) and len(value) == 1 else value
+            if isinstance(one, Instance):
+                self.anchors[one.id] = None
+
+    def _surer(self, value: Any) -> Any:
+        """Return the nearest that is not doubtful instead of the nearest that is, and note that."""
+        if not isinstance(value, Things) or not value.surer:
+            return value
+        taken, (nearest,) = value.surer[0], value.items
+        self.notes[f"{nearest.name.capitalize()} is nearer, but doubtful: {taken.name} is taken."] = None
+        return replace(value, items=value.surer, surer=())
 
     # ---- what arguments mean
 
@@ -591,6 +617,7 @@ class Sets(Grounding):
         if not found:
             a, b = self.pair(A, B)
             found = self.between_pair(self.things_of(S), a, b)
+        self._note_anchors(a, b)
         return self.set_of(S).of(found, after=f"between {pair_words(a, b)}")
 
     def _close_pair(self, A: Named, B: Named) -> tuple[Instance, Instance] | None:
@@ -1025,20 +1052,32 @@ class Sets(Grounding):
             raise CommandError(
                 f"There {'is' if left == 1 else 'are'} {found.number(left)} besides that one; {n} were asked for."
             )
-        return self._first(ranked, n)
+        chosen = self._first(ranked, n)
+        return self._with_surer(chosen, ranked.items) if key == "near" else chosen
+
+    def _with_surer(self, chosen: Things, ranked: Sequence[Any]) -> Things:
+        """Return the nearest with the nearest that is not doubtful, if itself is."""
+        unsure = [isinstance(item, Instance) and item.id in self.simap.doubtful for item in ranked]
+        if len(chosen) != 1 or not unsure[0] or all(unsure):
+            return chosen
+        return replace(chosen, surer=(ranked[unsure.index(False)],))
 
     def _first(self, S: Named, n: int) -> Things:
         found = self._choice_of(self.set_of(S))
         chosen = found.first(n)
         if chosen.tied:
-            several = found.of((*chosen.items, *chosen.tied)).number()
-            note = f"which of {several} {'is' if n == 1 else 'are'} {found.most or 'meant'} the map cannot tell"
-            self.notes[f"{note}: {'one of them is' if n == 1 else 'some of them are'} taken"] = None
+            several = found.of((*chosen.items, *chosen.tied))
+            which = f"which of {several.number()} {'is' if n == 1 else 'are'} {found.most or 'meant'}"
+            listed = [", ".join(item.name for item in some.items[:_MAX_LISTED]) for some in (several, chosen)]
+            more = ", …" if len(several) > _MAX_LISTED else ""
+            note = f"The map cannot tell {which} ({listed[0]}{more})"
+            self.notes[f"{note}: {listed[1]} {'is' if n == 1 else 'are'} taken."] = None
         return chosen
 
     def _the(self, S: Named) -> Things:
         found = self.set_of(S)
-        nearest = replace(self._order(found, "near", ""), levels=()).first(1) if len(found) > 1 else found
+        ranked = self._order(found, "near", "") if len(found) > 1 else found
+        nearest = self._with_surer(replace(ranked, levels=()).first(1), ranked.items) if len(found) > 1 else found
         return replace(nearest, instead=found.items[1:])
 
     def _last(self, S: Named, n: int) -> Things:
@@ -1227,6 +1266,7 @@ class Sets(Grounding):
         """Return the thing whose cells come nearest to another's; that itself left out."""
         found = self._found(name)
         target = other if isinstance(other, Instance) else self.pick(other, which)
+        self._note_anchors(target)
         near = self._order(found, "near", target).items
         if not near:
             raise CommandError(f"There is only 1 {found.one} on this map; none is left to be near it.")

@@ -74,6 +74,8 @@ class Answer:
     """Commands that can be given instead of one that was refused, the likeliest first, at most three."""
     stuck_at: Pose2 | None = None
     """Where the robot would be when that line cannot be carried out; None when ok or when no line is to blame."""
+    anchors: tuple[int, ...] = ()
+    """Ids of the single objects that others were looked for by: of "the chair by the oven" the oven."""
 
     def to_json(self) -> dict[str, Any]:
         """Return the line ``simaps query`` prints, as a dict; angles in degrees clockwise from north."""
@@ -297,6 +299,7 @@ def answer(
     return Answer(
         "ok", None, reading.program, tuple(end.goals), np.array(end.path_m, np.float64), end.pose, end.path_length_m,
         (*reading.notes, *end.grounding.notes), reading.alternatives, end.answer, run.steps,
+        anchors=tuple(end.grounding.anchors),
     )  # fmt: skip
 
 

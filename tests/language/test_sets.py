@@ -615,10 +615,34 @@ def test_what_the_map_cannot_tell_apart_is_said(gap: int, tied: bool) -> None:
     boxes += [Box("potted plant", 20, 60, 4, 4, 0.5), Box("potted plant", 30, 70, 4, 8, 0.5)]
     simap = map_of_boxes(GridSpec(70, 90, 0.05, 0.0, 0.0), boxes, WALLS)
     pose = Pose2(2.1, 1.35, 0.0)
-    note = "which of 2 chairs is nearest the map cannot tell: one of them is taken"
+    first, second = (one.name for one in simap.of_class("chair"))
+    note = f"The map cannot tell which of 2 chairs is nearest ({first}, {second}): {first} is taken."
     answer = simaps_viz.ask(simap, "which is the nearest chair?", pose=pose)
     assert (note in answer.notes, "so is a chair" in (answer.answer or {})["text"]) == (tied, tied)
     assert not simaps_viz.ask(simap, "go to the biggest plant", pose=pose).notes[1:]
+
+
+def test_others_are_looked_for_by_what_is_not_doubtful_where_there_is_one() -> None:
+    """From the west: a plant that one frame saw, a chair, a table, a plant that many saw, and a chair."""
+    boxes = [Box("potted plant", 20, 10, 4, 4, 0.5), Box("chair", 20, 18, 4, 4, 0.8)]
+    boxes += [Box("potted plant", 20, 60, 4, 4, 0.5), Box("chair", 20, 70, 4, 4, 0.8)]
+    simap = map_of_boxes(GridSpec(70, 90, 0.05, 0.0, 0.0), boxes, WALLS)
+    glance, near, plant, far = (min(i.id for i in simap.instances if i.centroid_m[0] > 0.05 * box.col) for box in boxes)
+    frames = tuple(f"{number:06d}" for number in range(200))
+    for faint in ((), (glance,), (glance, plant)):
+        seen = [dataclasses.replace(i, frames=1 if i.id in faint else 9) for i in simap.instances]
+        known = dataclasses.replace(simap, instances=tuple(seen), frame_names=frames)
+        assert known.doubtful == {*faint}
+        anchor, chair = (plant, far) if len(faint) == 1 else (glance, near)
+        note = f"Potted plant {glance} is nearer, but doubtful: potted plant {plant} is taken."
+        for said in ("go to the chair closest to the plant", "robot.face(near('chair', the(things('potted plant'))))"):
+            answer = simaps_viz.ask(known, said, pose=Pose2(0.3, 2.5, 0.0))
+            assert (answer.goals[0].instance, answer.anchors) == (chair, (anchor,)), (said, faint)
+            assert (note in answer.notes) == (len(faint) == 1)
+        told = simaps_viz.ask(known, "how many chairs are next to the plant?", pose=Pose2(0.3, 2.5, 0.0))
+        assert told.anchors == (anchor,) and (told.answer or {})["instances"] == [chair]
+        itself = simaps_viz.ask(known, "go to the plant", pose=Pose2(0.3, 2.5, 0.0))
+        assert itself.goals[0].instance == glance and not itself.anchors  # what is asked for itself is the nearest
 
 
 def test_what_stands_behind_a_wall_is_neither_next_to_a_thing_nor_beside_it() -> None:

@@ -397,6 +397,11 @@ def test_ctrl_k_lists_the_objects_of_the_map_shown_and_the_settings_of_the_tabs_
         cut(session, APART)
         names = {one.name for one in session.simap.instances}
         assert len(names) == 9 and listed("Object").keys() == names and listed("Object")["chair 3"] is kept
+        session.panels[MapPanel]._least_score.value = 0.66
+        session.repaint()
+        doubtful = {f"{one.name}, doubtful" for one in session.simap.instances if one.score < 0.66}
+        until(lambda: {name for name in listed("Object") if "," in name} == doubtful)
+        assert doubtful and len(listed("Object")) == 9
         session.panels.have([spec for spec in session.panels.specs if spec is not line])
         assert "Note" not in listed("Setting") and "Speed (×)" in listed("Setting")
 

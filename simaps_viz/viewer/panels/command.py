@@ -63,7 +63,8 @@ _SIDE = re.compile(r"\b(left|right|in front|behind|ahead)(?:most)?\b")
 SEEN = "as seen from the robot"
 DOUBTFUL = 0.25
 """From this weight of its doubts on it is said that an object that is meant may be wrong."""
-_CHOOSERS = [*FUNCTIONS, *(name for name, primitive in PRIMITIVES.items() if primitive.kind == "lookup")]
+_LOOKUPS = [*FUNCTIONS.values(), *(primitive for primitive in PRIMITIVES.values() if primitive.kind == "lookup")]
+_CHOOSERS = [one.name for one in _LOOKUPS if one.result in ("instance", "instances")]
 _FROM_WHAT = re.compile(r"\b(?:nearest to|farthest from) the (?:nearest )?(.+)$")
 """What distances are from, in the words for something that is nearest to it."""
 GIVEN = "where the command was given"
@@ -113,8 +114,7 @@ def why_text(answer: Answer, candidates: Sequence[Candidate], there: str = GIVEN
             place = f"the farthest of {len(candidates)} from"
         short = ", before which the path ends" if 0.0 < answer.path_length_m < one.distance_m else ""
         text = f"{name} is {place} {there}: {away} in a straight line to its edge{short}; {_others(one, candidates)}"
-        if not words and _CHOOSES.search(answer.program or ""):
-            text += " It was chosen by the program below."
+        text += "" if words else _choice(answer)
     return text
 
 
@@ -182,7 +182,11 @@ def _aside_text(first: Instance, second: Instance, stop: NDArray) -> str:
 
 
 def candidate_labels(
-    candidates: Sequence[Candidate], chosen: Collection[int], most: int = 5, away: str = "away"
+    candidates: Sequence[Candidate],
+    chosen: Collection[int],
+    most: int = 5,
+    away: str = "away",
+    also: Collection[int] = (),
 ) -> list[Label]:
     """Number what a command could mean: "▶ 3 · chair 18 · 2.6 m away" is the chosen one, "1 · chair 7" another.
 
@@ -191,13 +195,15 @@ def candidate_labels(
         chosen: ids of the chosen ones.
         most: how many others to number; none of them comes after the last chosen one.
         away: what the distances are, such as "from the lamp".
+        also: ids of others to number, wherever they come.
 
     Returns:
         the chosen ones first.
     """
     mine = [c for c in candidates if c.instance.id in chosen]
     last = max((c.rank for c in mine), default=len(candidates))
-    others = [c for c in candidates if c.instance.id not in chosen and c.rank <= last][:most]
+    left = [c for c in candidates if c.instance.id not in chosen]
+    others = [c for c in left if c.rank <= last or c.instance.id in also][:most]
     texts = [(f"▶ {c.rank} · {c.instance.name} · {c.distance_m:.1f} m {away}", c.instance) for c in mine]
     texts += [(f"{c.rank} · {c.instance.name}", c.instance) for c in others]
     return [label_of(text, one) for text, one in texts]
@@ -245,6 +251,23 @@ def name_text(simap: SIMap, answer: Answer) -> str:
     told = [] if answer.answer is None else answer.answer["instances"]
     name = simap.by_id(told[0]).name if len(told) == 1 else ""
     return "" if not name or name in outcome_text(answer) else f"On the map it is {name}."
+
+
+def anchors_of(answer: Answer) -> list[int]:
+    """Return the ids of the objects that others were looked for by and an answer does not speak of."""
+    told = () if answer.answer is None else answer.answer["instances"]
+    meant = {*told, *(number for goal in answer.goals for number in (goal.instance, goal.other_instance))}
+    return [number for number in answer.anchors if number not in meant]
+
+
+def anchors_text(simap: SIMap, answer: Answer, doubtful: Collection[int]) -> list[str]:
+    """Name each of the `anchors_of` an answer that is doubtful or not the only one of its class."""
+    texts = []
+    for one in map(simap.by_id, anchors_of(answer)):
+        unsure = ", which is doubtful" if one.id in doubtful else ""
+        if unsure or sum(other.label == one.label for other in simap.objects) > 1:
+            texts.append(f"The {one.label} that is meant is {one.name}{unsure}.")
+    return texts
 
 
 def pose_of_sides(answer: Answer) -> Pose2 | None:
@@ -369,6 +392,15 @@ def _listed(candidates: Sequence[Candidate], label: str) -> str:
     return f"{_plural(label)} {', '.join(numbers[:-1])} and {numbers[-1]}"
 
 
+def _choice(answer: Answer) -> str:
+    """Say what of the program chose the first goal; empty where it chose by name and rank."""
+    last = next((step.line for step in answer.steps if step.goal is not None), None)
+    lines = (answer.program or "").splitlines()
+    choosing = [number for number, line in enumerate(lines[:last], start=1) if _CHOOSES.search(line)]
+    line = f"line {choosing[-1]} of " if choosing and len(lines) > 1 else ""
+    return f" It was chosen by {line}the program below." if choosing else ""
+
+
 def _box(title: str, text: str, paper: str) -> str:
     return (
         f'<div style="{DIM_STYLE};margin-top:.3em">{escape(title)}</div>'
@@ -474,6 +506,7 @@ OUTLINE_M = 0.014
 GOAL_M = 0.25
 """Half the side of the square around the robot's final position that is kept free of labels."""
 STOPS = "stops here"
+WORKS = "These work here, for example:"
 WELCOME, TYPING = "Try an example, or type what the robot shall do.", "Go sends it."
 READING, PAST = "Reading it …", "The map is shown as it was: Go does this on the finished one."
 
@@ -785,10 +818,12 @@ class CommandPanel(Panel):
         # Everything that takes long comes before anything is shown, so that a cancelled command shows nothing.
         labels, self._why = self._explain(simap, answer)
         planned = self._trajectory_for(answer) if answer.status == "ok" else None
+        other = next(iter(self._readings), None)
+        words = "" if other is None else self._in_words(simap, other)
         if cancel.is_set():
             return
         self._show_program(answer.program or "")
-        self._show_other_reading(self._readings[0] if self._readings else None)
+        self._show_other_reading(other, words)
         self._waiting = None
         if planned is None:
             self._conclude(answer)
@@ -805,12 +840,21 @@ class CommandPanel(Panel):
         self._drive.start(planned, paused=paused)
         self._preview_another()
 
+    def _in_words(self, simap: SIMap, program: str) -> str:
+        """Describe what another reading does from where the command was given."""
+        if self._services.ask is None:
+            return ""
+        other = self._services.ask(simap, program, self._asked_at, robot=self._page.robot)
+        numbers = {goal.instance for goal in other.goals if goal.instance}
+        name = f" That is {simap.by_id(*numbers).name}." if len(numbers) == 1 else ""
+        return f"{'' if other.status == 'ok' else 'It cannot be done: '}{outcome_text(other)}{name}"
+
     def _mark(self, answer: Answer, labels: Sequence[Label], stop: str = "") -> None:
         """Outline and number what a command means, or an answer speaks of, and dim all else; ``stop`` names the end."""
         goal = Label(stop, answer.final_pose.x_m, answer.final_pose.y_m, GOAL_M, GOAL_M)
         goals = {number for one in answer.goals for number in (one.instance, one.other_instance) if number}
         self._draw(Marks(labels=(*labels, goal)))
-        meant = frozenset(goals if answer.answer is None else answer.answer["instances"])
+        meant = frozenset((*answer.anchors, *(goals if answer.answer is None else answer.answer["instances"])))
         self._light(meant)
         if not self._follower.on:
             self._bring_in(meant, answer.path_m)
@@ -889,7 +933,8 @@ class CommandPanel(Panel):
         if moves:
             self._draw(replace(self._marks, path_m=answer.path_m))
         if answer.answer is not None and not answer.goals:
-            self._show_typed("", "A question: Go answers it.")
+            about = anchors_text(self._page.simap, answer, doubtful_on(self._page))
+            self._show_typed("", "A question: Go answers it.", (*about, *answer.notes))
         else:
             title = "Go does this" if self._phase == "idle" else "Go ends this drive, and does this"
             self._show_typed(title, outcome_text(answer), (*why, *answer.notes))
@@ -919,19 +964,22 @@ class CommandPanel(Panel):
 
         Without that service, or for goals of several classes, the goals are numbered in their order.
         """
+        anchors = anchors_text(simap, answer, doubtful_on(self._page))
+        beside = answer_labels(simap, anchors_of(answer))
         if answer.answer is not None:
             told, value = answer.answer["instances"], answer.answer["value"]
             is_count = type(value) is int and value == len(told)  # which may have said it
             counted = self._of_them_doubtful(told) if is_count and "doubtful" not in outcome_text(answer) else ""
             labels = goal_labels(simap, answer.goals) or answer_labels(simap, told)
-            return labels, (counted, name_text(simap, answer), *self._cautions(simap, answer))
+            return [*labels, *beside], (counted, name_text(simap, answer), *anchors, *self._cautions(simap, answer))
         labels = {goal.label for goal in answer.goals if goal.label}
         of_one_class = len(labels) == 1 and not any(goal.other_label for goal in answer.goals)
         find = self._services.candidates
         if find is None or not of_one_class or not answer.goals[0].instance:  # a room is no instance
             each = [] if find is None else each_why(answer, functools.partial(find, simap), self._page.pose)
-            return goal_labels(simap, answer.goals), (
+            return [*goal_labels(simap, answer.goals), *beside], (
                 *each,
+                *anchors,
                 beyond_text(simap, answer),
                 *self._cautions(simap, answer, *each),
             )
@@ -941,8 +989,8 @@ class CommandPanel(Panel):
         why = " ".join(filter(None, [why, why and self._of_them_doubtful([one.instance.id for one in candidates])]))
         away = _FROM_WHAT.search(answer.goals[0].words) if answer.goals[0].away_m else None
         what = f"from the {away[1]}" if away else "from it" if answer.goals[0].away_m else "away"
-        labels = candidate_labels(candidates, chosen, away=what)
-        return labels, (why, beyond_text(simap, answer), *self._cautions(simap, answer, why))
+        labels = candidate_labels(candidates, chosen, away=what, also=named_in(simap, " ".join(answer.notes)))
+        return [*labels, *beside], (why, *anchors, beyond_text(simap, answer), *self._cautions(simap, answer, why))
 
     def _cautions(self, simap: SIMap, answer: Answer, *why: str) -> list[str]:
         """Return whose left is meant, and what may be wrong about what is meant."""
@@ -1044,6 +1092,10 @@ class CommandPanel(Panel):
             self._marks = replace(self._marks, labels=())
             self._light(frozenset())
 
+    def escape(self) -> None:
+        """Take what was drawn for a command off the map, its path too, unless the robot is on its way."""
+        self._unmark()
+
     def _ended(self, status: str) -> None:
         """Note in the history how the command that runs, if one does, has ended."""
         if self._answer is None or self._answer.answer is None:
@@ -1094,10 +1146,9 @@ class CommandPanel(Panel):
 
         The tone is one of plain, good, bad. What the buttons have is not said once more in the text.
         """
-        text = text.partition(" Try: ")[0] if instead else text
+        text, more = (text.partition(" Try: ")[0], (*more, WORKS)) if instead else (text, more)
         self._outcome = True
         self._instead = tuple(instead)
-        self._examples.visible = not instead  # these are examples, too, and nearer to what was meant
         self._result.content = message_html(title, text, tone, more)
         for one, command in zip_longest(self._suggested, self._instead[:MAX_SUGGESTIONS]):
             if command is not None or one.visible:
@@ -1115,9 +1166,11 @@ class CommandPanel(Panel):
         self._program.content = program_html(program, line, stuck=stuck)
         self._fold.visible = self._program.visible = bool(program)
 
-    def _show_other_reading(self, program: str | None) -> None:
+    def _show_other_reading(self, program: str | None, words: str = "") -> None:
         """Offer to run another meaning of the command; None hides the offer."""
-        self._other_program.content = "" if program is None else program_html(program)
+        self._other_program.content = (
+            "" if program is None else message_html("", words, "plain") + program_html(program)
+        )
         self._other.visible = program is not None
 
     def _show_progress(self, share: float | None) -> None:
@@ -1172,7 +1225,8 @@ class CommandPanel(Panel):
         self._result = gui.add_html(message_html("", WELCOME, "plain"))
         self._instead: tuple[str, ...] = ()
         tries = [functools.partial(self._try_instead, i) for i in range(MAX_SUGGESTIONS)]
-        self._suggested = [button(gui, "", do, icon=viser.Icon.ARROW_RIGHT, visible=False) for do in tries]
+        icon = viser.Icon.ARROW_RIGHT
+        self._suggested = [button(gui, "", do, icon=icon, color="gray", visible=False) for do in tries]
         self._fold = gui.add_folder("Program", expand_by_default=False, visible=False)
         with self._fold:
             self._program = gui.add_html("", visible=False)

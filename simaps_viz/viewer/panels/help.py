@@ -8,14 +8,16 @@ from importlib.resources import files
 
 from viser._gui_handles import CommandHandle, GuiModalHandle
 
-from simaps_viz.drawing.legend import object_names
+from simaps_viz.drawing.legend import not_counted, object_names
 from simaps_viz.drawing.theme import BRAND, DARK, DIM_STYLE, LIGHT, Theme, note_html
 from simaps_viz.mapping.in_space import all_instances
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel, button, button_row
+from simaps_viz.viewer.page.shared import Snapshot
 from simaps_viz.viewer.panels.build import BuildPanel
-from simaps_viz.viewer.panels.map import show_only
+from simaps_viz.viewer.panels.command import CommandPanel
+from simaps_viz.viewer.panels.map import doubtful_on, show_only
 from simaps_viz.viewer.scene.camera import SLANT, TOP
 from simaps_viz.viewer.server.viser_page import PAGE_SCRIPT
 
@@ -89,9 +91,14 @@ class HelpPanel(Panel):
         self._found: dict[str, dict[tuple[str, str], CommandHandle]] = {}
 
     def map_changed(self, simap: SIMap) -> None:
-        """Have Ctrl-K find the map's objects."""
-        names = object_names(simap, MAX_OBJECTS)
+        """Have Ctrl-K find the map's objects, the doubtful called so."""
+        names = object_names(simap, MAX_OBJECTS, not_counted(simap, doubtful_on(self._page)))
         self._offer("object", {(name, "Object"): functools.partial(self._go_to, one) for name, one in names.items()})
+
+    def painted(self, simap: SIMap, snapshot: Snapshot) -> None:
+        """Have Ctrl-K find them anew, as the limits of what is doubtful may be others."""
+        if not snapshot.badge:
+            self.map_changed(simap)
 
     def panels_changed(self) -> None:
         """Have Ctrl-K find the settings of all tabs."""
@@ -179,6 +186,8 @@ class HelpPanel(Panel):
             self.hide()
         else:
             self._page.select(None)
+            if CommandPanel in self._page.panels:
+                self._page.panels[CommandPanel].escape()
             show_only(self._page, None)
 
     def _make_keys(self) -> tuple[tuple[str, str, str, Callable[[], None]], ...]:
@@ -190,7 +199,7 @@ class HelpPanel(Panel):
             ("]", "]", "one frame on", lambda: page.show_frame(page.frame + 1)),
             ("T", "T", "view from the top", lambda: page.look(TOP)),
             ("3", "3", "3-D view", lambda: page.look(SLANT)),
-            ("escape", "Esc", "close the help; else select nothing, and show all classes", self._escape),
+            ("escape", "Esc", "close the help; else select nothing, show all classes, and no path", self._escape),
             ("L", "L", "light or dark page", self.switch),
             ("H", "H or ?", "this help", self.show),
         )
