@@ -180,6 +180,7 @@ class Sets(Grounding):
         if not isinstance(value, Things) or not value.surer:
             return value
         taken, (nearest,) = value.surer[0], value.items
+        self.notes = {note: None for note in self.notes if not note.endswith(f": {nearest.name} is taken.")}
         self.notes[f"{nearest.name.capitalize()} is nearer, but doubtful: {taken.name} is taken."] = None
         return replace(value, items=value.surer, surer=())
 

@@ -629,6 +629,7 @@ def test_others_are_looked_for_by_what_is_not_doubtful_where_there_is_one() -> N
     simap = map_of_boxes(GridSpec(70, 90, 0.05, 0.0, 0.0), boxes, WALLS)
     glance, near, plant, far = (min(i.id for i in simap.instances if i.centroid_m[0] > 0.05 * box.col) for box in boxes)
     frames = tuple(f"{number:06d}" for number in range(200))
+    midway = Pose2(0.05 * 37 - 0.01, 1.1, 0.0)
     for faint in ((), (glance,), (glance, plant)):
         seen = [dataclasses.replace(i, frames=1 if i.id in faint else 9) for i in simap.instances]
         known = dataclasses.replace(simap, instances=tuple(seen), frame_names=frames)
@@ -639,6 +640,8 @@ def test_others_are_looked_for_by_what_is_not_doubtful_where_there_is_one() -> N
             answer = simaps_viz.ask(known, said, pose=Pose2(0.3, 2.5, 0.0))
             assert (answer.goals[0].instance, answer.anchors) == (chair, (anchor,)), (said, faint)
             assert (note in answer.notes) == (len(faint) == 1)
+        tied = simaps_viz.ask(known, "robot.face(nearest(things('chair'), 1, nearest(things('plant'))))", pose=midway)
+        assert len([one for one in tied.notes if "is taken" in one]) == 1, tied.notes
         told = simaps_viz.ask(known, "how many chairs are next to the plant?", pose=Pose2(0.3, 2.5, 0.0))
         assert told.anchors == (anchor,) and (told.answer or {})["instances"] == [chair]
         itself = simaps_viz.ask(known, "go to the plant", pose=Pose2(0.3, 2.5, 0.0))
