@@ -393,7 +393,7 @@ def _listed(candidates: Sequence[Candidate], label: str) -> str:
 
 
 def _choice(answer: Answer) -> str:
-    """Say what of the program chose the first goal; empty where it chose by name and rank."""
+    """Return what of the program chose the first goal; empty where it chose by name and rank."""
     last = next((step.line for step in answer.steps if step.goal is not None), None)
     lines = (answer.program or "").splitlines()
     choosing = [number for number, line in enumerate(lines[:last], start=1) if _CHOOSES.search(line)]
