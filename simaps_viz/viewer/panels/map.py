@@ -98,7 +98,7 @@ class MapPanel(Panel):
         views = {name: functools.partial(page.look, name) for name in (TOP, SLANT)}
         button_row(gui, "View", views, hint="From above, or the room in 3-D (keys T and 3).")
         self._mode = gui.add_dropdown("Colours", color_modes(simap), initial_value=_first_mode(simap), hint=MODE_HINT)
-        self._tint = gui.add_slider("Objects (%)", 0, 100, 5, round(100 * TINT), hint=TINT_HINT, visible=False)
+        self._tint = gui.add_slider("Over photo (%)", 0, 100, 5, round(100 * TINT), hint=TINT_HINT, visible=False)
         # What of the surface is shown in the 3-D view.
         self._cut_m = gui.add_slider(
             "Cut at height", 0.1, FULL_HEIGHT_M, 0.1, FULL_HEIGHT_M, hint=CUT_HINT, visible=False
