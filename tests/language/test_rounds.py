@@ -24,8 +24,8 @@ REACHED = {
 }  # fmt: skip
 """Of the commands on the maps that are shipped: at least so many right, and at most so many wrong but confident.
 
-Rounds 12, 13, 15, 30, 32, 35, 38, 40, 42, 44, 46, 48, 51, 54, 58 and 63 are on none of them. Round 24 counts the whole map
-where "in here" was said.
+Rounds 12, 13, 15, 30, 32, 35, 38, 40, 42, 44, 46, 48, 51, 54, 58 and 63 are on none of them. Round 24 counts the
+whole map where "in here" was said.
 """
 
 
