@@ -267,6 +267,7 @@ def test_each_of_several_things_says_why_it_is_meant():
 
     (first,), _ = each("go between the couch and the chair")
     assert first.startswith("Chair 3 is the closest to where the command was given:") and "couch" not in first.lower()
+    assert each("go between couch 5 and chair 1")[0] == []  # named, not chosen
     (first, then), said = each("go to the plant, then face the third chair, then face the chair")
     here = Pose2(*said.goals[0].point_m, 0.0)
     ranked = [one.instance.name for one in Grounding(simap, here).candidates("chair")]

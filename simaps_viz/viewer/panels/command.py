@@ -74,6 +74,8 @@ TURNS = ("face", "with_object_on_left", "with_object_on_right")
 """Primitives whose goals the robot does not drive to."""
 _CHOOSES = re.compile(rf"\b(?:{'|'.join(_CHOOSERS)})\(")
 """Calls with which a program chooses otherwise than by name and rank."""
+_CALLED = re.compile(r"\bcalled\([^,]*, (\d+)\)")
+"""What is named by its number: there was no choice."""
 
 
 def why_text(answer: Answer, candidates: Sequence[Candidate], there: str = GIVEN) -> str:
@@ -129,7 +131,7 @@ def each_why(answer: Answer, candidates_at: CandidatesAt, pose: Pose2, *, most: 
     """
     if len({one for goal in answer.goals for one in (goal.instance, goal.other_instance) if one}) > most:
         return []
-    texts: dict[int, str] = {}
+    texts = dict.fromkeys(map(int, _CALLED.findall(answer.program or "")), "")
     here, there = pose, GIVEN
     for goal in answer.goals:
         other = Goal(goal.primitive, goal.other_label, goal.other_instance, goal.point_m)
