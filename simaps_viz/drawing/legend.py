@@ -147,7 +147,7 @@ def count_text(ones: Collection[Instance], doubtful: Collection[int]) -> str:
 def _size(instance: Instance) -> str:
     box = instance.box
     if box is None:
-        return "no surface of it was seen"
+        return "too little of its surface was seen to tell"
     sides = " × ".join(f"{side:.2f}" for side in box.size_m)
     return f"{sides} m, from {box.center_m[2] - box.size_m[2] / 2:.2f} m up"
 
