@@ -177,6 +177,10 @@ class BestView:
     """Cells of the instance that the frame named."""
 
 
+STRAY = 0.05
+"""A segment with less than this share of what the largest one named of an instance is none of its masks."""
+
+
 def best_views(simap: SIMap, instance_id: int, most: int = 3) -> list[BestView]:
     """Return the frames that named most cells of an instance, best first (ties: the earlier frame).
 
@@ -205,7 +209,8 @@ def best_views(simap: SIMap, instance_id: int, most: int = 3) -> list[BestView]:
 def _own_segments(views: Views, owner: NDArray, instance_id: int, frame: int) -> tuple[int, ...]:
     """Return the segments with which a frame named an instance: those that named more of it than of any other.
 
-    Stray cells at its edge make no mask of a neighbour its own. Where there is no such segment, all that named it.
+    Stray cells at its edge make no mask of a neighbour its own, also where these are all that the mask named on top.
+    Where there is no such segment, all that named it.
     """
     here = views.frame == frame
     segments, at = np.unique(views.segment[here], return_inverse=True)
@@ -214,7 +219,7 @@ def _own_segments(views: Views, owner: NDArray, instance_id: int, frame: int) ->
     np.add.at(named, (at, whose), views.cells[here])
     mine = named[:, np.searchsorted(owners, instance_id)]
     named[:, owners == 0] = 0.0
-    most = (mine > 0) & (mine >= named.max(axis=1))
+    most = (mine > STRAY * mine.max()) & (mine >= named.max(axis=1))
     return tuple(segments[most if most.any() else mine > 0].tolist())
 
 

@@ -134,6 +134,9 @@ def test_best_views_sum_up_the_communities_of_an_instance(simap):
         for name, value in stray.items()
     }
     assert frame_pictures.best_views(replace(simap, views=Views(**added)), CHAIR_1)[0].segments == (11, 12)
+    alone = {name: np.append(column, column.dtype.type({"segment": 77, "cells": 1}.get(name, column[-1])))
+             for name, column in added.items()}  # fmt: skip
+    assert frame_pictures.best_views(replace(simap, views=Views(**alone)), CHAIR_1)[0].segments == (11, 12)
     only = {name: column[~np.isin(added["segment"], (11, 12))] for name, column in added.items()}
     found = frame_pictures.best_views(replace(simap, views=Views(**only)), CHAIR_1)
     assert [one.segments for one in found] == [(int(views.segment[other]),)]
