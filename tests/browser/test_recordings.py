@@ -62,7 +62,13 @@ def test_list_open_rename_delete(browser: Browser, library: RecordingLibrary):
         open_page(page, desk)
         choose(page, "café")
         table = page.locator("table")
-        for words in ("the café", "paper (K 5 %, resolution 1)", "frames\t5", "instances\t7", "simulated\tyes"):
+        for words in (
+            "the café",
+            "paper (K 5 %, resolution 1)",
+            "frames\t5",
+            "seen from above\t7 instances",
+            "simulated\tyes",
+        ):
             until(page, lambda words=words: words in table.inner_text())
         assert str(folder / "café.rrd") in table.inner_text() and "0.0 MB" in table.inner_text()
         button(page, "Show it beside the map").click()

@@ -84,7 +84,7 @@ def test_info_lists_floors_and_stairs(built, capsys):
     assert 30.0 < facts["floors"][0]["seen_m2"] < 50.0
     assert main(["info", str(built)]) == 0
     shown = capsys.readouterr().out
-    assert "floor 1 to 2" in shown and "bed (1)" in shown
+    assert "floor 1 to 2" in shown and "1 bed" in shown
 
 
 def test_a_floor_is_named_by_its_number(built):
