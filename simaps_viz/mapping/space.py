@@ -214,16 +214,17 @@ def _elected_nodes(grid: Grid, seen: _Seen, lowest: int, weight_of_label: NDArra
     # where segments meet, how often one reaches across.
     first, label, steps = _by_cell(following, label, steps, grid.label.size, size)
     del following
-    shared, start = _contested(first, steps)
+    contested = _contested(first, steps)
+    start = contested[2]
     across, watched = np.zeros(len(place), np.int32), np.zeros(grid.label.size, np.bool_)
     watched[place[met >= _MIN_MEETINGS] >> _CLASS_BITS + _STEP_BITS] = True
     if start[-1] or len(place):
         votes = np.zeros(start[-1], np.uint16)
         for cell, of_label, _, low, high, _ in seen:
-            _count(cell, of_label, low, high, lowest, first, label, shared, start, votes)
+            _count(cell, of_label, low, high, lowest, first, label, *contested, votes)
             _count_across(cell, of_label, low, high, lowest, watched, place, across)
-        _elect(first, label, steps, shared, start, votes, weight_of_label)
-    del shared, start, watched
+        _elect(first, label, steps, *contested, votes, weight_of_label)
+    del contested, start, watched
     return _Nodes(*_cut(first, label, steps, thing, place, met, across))
 
 
@@ -379,21 +380,32 @@ def _by_cell(
 def _contested(
     first: NDArray,  # int32 [cells + 1]
     steps: NDArray,  # uint64 [entries]
-) -> tuple[NDArray, NDArray]:
-    """Return the steps that another class of the cell shares, uint64 [entries], and where their votes start.
+) -> tuple[NDArray, NDArray, NDArray]:
+    """Number the entries of the cells in which two classes share a step.
 
-    The latter is int64 [entries + 1]: each shared step of an entry has one number, ascending.
+    Returns:
+        int32 [entries], -1 = not such an entry; uint64 [n], the steps of each that others share; and int64 [n + 1],
+        where its votes start, one number for each of these steps, ascending.
     """
-    shared_of, start = np.zeros(len(steps), np.uint64), np.zeros(len(steps) + 1, np.int64)
-    for c in range(len(first) - 1):
-        known, shared = np.uint64(0), np.uint64(0)
-        for at in range(first[c], first[c + 1]):
-            shared |= known & steps[at]
-            known |= steps[at]
-        for at in range(first[c], first[c + 1]):
-            shared_of[at] = shared & steps[at]
-            start[at + 1] = start[at] + count_bits(shared_of[at])
-    return shared_of, start
+    slot = np.full(len(steps), -1, np.int32)
+    shared_of, start = np.zeros(0, np.uint64), np.zeros(1, np.int64)
+    for fill in range(2):
+        n = 0
+        for c in range(len(first) - 1):
+            known, shared = np.uint64(0), np.uint64(0)
+            for at in range(first[c], first[c + 1]):
+                shared |= known & steps[at]
+                known |= steps[at]
+            if shared == 0:
+                continue
+            for at in range(first[c], first[c + 1]):
+                if fill:
+                    slot[at], shared_of[n] = n, shared & steps[at]
+                    start[n + 1] = start[n] + count_bits(shared_of[n])
+                n += 1
+        if not fill:
+            shared_of, start = np.zeros(n, np.uint64), np.zeros(n + 1, np.int64)
+    return slot, shared_of, start
 
 
 @njit(cache=True, nogil=True)
@@ -405,17 +417,21 @@ def _count(
     lowest: int,
     first: NDArray,  # int32 [cells + 1]
     label: NDArray,  # int16 [entries]
-    shared: NDArray,  # uint64 [entries], as `_contested` returns it, with the one that follows
-    start: NDArray,  # int64 [entries + 1]
+    slot: NDArray,  # int32 [entries], as `_contested` returns it, with the two that follow
+    shared_of: NDArray,  # uint64 [contested]
+    start: NDArray,  # int64 [contested + 1]
     votes: NDArray,  # in/out uint16 [shared steps]
 ) -> None:
     """Count the votes of one frame; the shared steps of a run follow each other."""
     for i in range(len(cell)):
         for at in range(first[cell[i]], first[cell[i] + 1]):
+            if slot[at] < 0:
+                break
             if label[at] != label_of[i]:
                 continue
-            of_run = shared[at] & _mask(low[i], high[i], lowest)
-            begin = start[at] + count_bits(shared[at] & below_lowest(of_run))
+            shared = shared_of[slot[at]]
+            of_run = shared & _mask(low[i], high[i], lowest)
+            begin = start[slot[at]] + count_bits(shared & below_lowest(of_run))
             for k in range(begin, begin + count_bits(of_run)):
                 if votes[k] < _MOST_VOTES:
                     votes[k] += 1
@@ -427,8 +443,9 @@ def _elect(
     first: NDArray,  # int32 [cells + 1]
     label: NDArray,  # int16 [entries]
     steps: NDArray,  # in/out uint64 [entries]
-    shared_of: NDArray,  # uint64 [entries], as `_contested` returns it, with the one that follows
-    start: NDArray,  # int64 [entries + 1]
+    slot: NDArray,  # int32 [entries], as `_contested` returns it, with the two that follow
+    shared_of: NDArray,  # uint64 [contested]
+    start: NDArray,  # int64 [contested + 1]
     votes: NDArray,  # uint16 [shared steps]
     weight: NDArray,  # float64 [labels]
 ) -> None:
@@ -437,14 +454,16 @@ def _elect(
     for c in range(len(first) - 1):
         left = np.uint64(0)
         for at in range(first[c], first[c + 1]):
-            left |= shared_of[at]
+            if slot[at] >= 0:
+                left |= shared_of[slot[at]]
         while left:
             bit = left & (~left + one)
             left &= ~bit
             best, heaviest = -1, 0.0
             for at in range(first[c], first[c + 1]):
-                if shared_of[at] & bit:
-                    votes_here = votes[start[at] + count_bits(shared_of[at] & (bit - one))] * weight[label[at]]
+                row = slot[at]
+                if shared_of[row] & bit:
+                    votes_here = votes[start[row] + count_bits(shared_of[row] & (bit - one))] * weight[label[at]]
                     if best < 0 or votes_here > heaviest:
                         best, heaviest = at, votes_here
             for at in range(first[c], first[c + 1]):
