@@ -64,7 +64,7 @@ def difference_text(kind: str, here: Sequence[str], there: Sequence[str], label:
         iou: the largest intersection over union of two of them.
     """
     both = f"{kind} · {together(here or there)}" + (f" → {together(there, known=label)}" if here and there else "")
-    return f"{both} · {percent_text(iou, 0)} alike" if kind in ("label", "outline", "edge") else both
+    return f"{both} · {percent_text(iou)} alike" if kind in ("label", "outline", "edge") else both
 
 
 def together(names: Sequence[str], *, known: str = "") -> str:

@@ -54,8 +54,8 @@ def doubts(simap: SIMap, but: Collection[int] = ()) -> tuple[Doubt, ...]:
     # What the frames said of it, and how large it is.
     for one in simap.instances:
         about, others = found[one.id], areas[one.label]
-        brief = f"class unsure, {percent_text(one.score, 0)}"
-        text = f"The frames name its class with a confidence of {percent_text(one.score, 0)} on average."
+        brief = f"class unsure, {percent_text(one.score)}"
+        text = f"The frames name its class with a confidence of {percent_text(one.score)} on average."
         about.append(((SURE_SCORE - one.score) / SURE_SCORE, brief, text))
         seen = f"seen in {plural(one.frames, 'frame')} of {len(simap.frame_names)}"
         about.append((1.0 - one.frames / sure_frames, seen, f"It was {seen}."))
@@ -110,7 +110,7 @@ def _shared_places(one: Instance, shown: Mapping[int, Instance]) -> list[tuple[f
     for number, share in one.inside.items():  # not what stands on it
         other = shown.get(number)
         if other is not None and share > INSIDE and other.label != one.label:
-            text = f"{percent_text(share, 0)} of it lies inside {other.name}: it may be a part of that, or none."
+            text = f"{percent_text(share)} of it lies inside {other.name}: it may be a part of that, or none."
             found.append((share, f"shares its place with {other.name}", text))
     return found
 

@@ -224,7 +224,7 @@ def _edges(
 AFFINITY = Slider(
     parameter="affinity", full=1.0, name="affinity", unit="a share", setting="affinity {:g}", title="Evidence (%)",
     word="evidence",
-    hint="The higher, the more and smaller objects: two parts merge while a larger share of the evidence says one.",
+    hint="The higher, the more and smaller objects: two parts merge while more than this share says they are one.",
     reason="{:.0f} % of the evidence says they are one",
     number="evidence that both are one",
 )  # fmt: skip

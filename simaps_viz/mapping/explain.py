@@ -610,8 +610,9 @@ def _weakest(why: Why) -> str:
     if why.weakest is None:
         return "It is a single patch that was never joined from parts."
     weakest, method = why.weakest, why.method
-    lowest = min(joint.score for joint in why.joints)
-    lowest = score_text(method, lowest, why.threshold) if weaker_pieces(why) else ""
+    # Small pieces may have joined with less than the larger parts: then the lowest score is said, too.
+    least = min(joint.score for joint in why.joints)
+    lowest = score_text(method, least, why.threshold) if weaker_pieces(why) else ""
     if _smaller(weakest) < PIECE * len(why.cells):
         pieces = f"only pieces of at most {plural(_smaller(weakest), 'cell')} joined it"
         return f"Nearly all of it is one patch; {pieces}{lowest and f', the least sure with {lowest}'}."

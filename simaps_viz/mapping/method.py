@@ -169,14 +169,14 @@ class Method:
 
     def score_text(self, score: float, beside: float | None = None) -> str:
         """Write a score of the merge log; with a digit more where it would read as another one that it is beside."""
-        return percent_text(score, 0, beside)
+        return percent_text(score, beside=beside)
 
     def needed_text(self, threshold: float) -> str:
         """Describe what a score must exceed."""
         return f"{100.0 * threshold:g} %"
 
 
-def percent_text(share: float, digits: int, beside: float | None = None) -> str:
+def percent_text(share: float, digits: int = 0, beside: float | None = None) -> str:
     """Write a share in percent; with up to two digits more where it would read as another share that it is beside."""
     if beside is not None and share != beside:
         same = (n for n in range(digits, digits + 2) if f"{100.0 * share:.{n}f}" == f"{100.0 * beside:.{n}f}")

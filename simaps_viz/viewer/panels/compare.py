@@ -98,7 +98,7 @@ def headline_html(maps: TwoMaps) -> str:
     compared = " of those that are large enough" if maps.left.ignored + maps.right.ignored else ""
     lines = [f"{found} · {plural(maps.same, 'object')}{compared} {'agrees' if maps.same == 1 else 'agree'}"]
     if edges and maps.same_iou is not None:
-        lines.append(f"{edges} of them with another outline; {percent_text(maps.same_iou, 0)} alike on average (IoU)")
+        lines.append(f"{edges} of them with another outline; {percent_text(maps.same_iou)} alike on average (IoU)")
     lines += [f"<b>{title} has no object.</b>" for title in empty]
     if maps.score is not None:
         pq = "none" if maps.score.pq is None else f"{maps.score.pq:.2f}"

@@ -153,7 +153,7 @@ class ErrorsPanel(Panel):
         )
 
     def _report(self, what: str, done: int, total: int) -> None:
-        self._about.content = small_html(f"Looking for the truth: {what}, {percent_text(done / max(total, 1), 0)} …")
+        self._about.content = small_html(f"Looking for the truth: {what}, {percent_text(done / max(total, 1))} …")
 
     def _fill(self) -> None:
         shown = self._entries[self._first : self._first + LISTED]
@@ -239,8 +239,8 @@ def error_entry(item: Item, here: MapSide, truth: MapSide) -> Entry:
         "missed": f"{item.label} missing here",
         "extra": f"{names}: no {item.label} is there",
         "label": f"{names}: really a {item.label}",
-        "outline": f"{names}: outline {percent_text(item.iou, 0)} right",
-        "edge": f"{names}: outline {percent_text(item.iou, 0)} right",
+        "outline": f"{names}: outline {percent_text(item.iou)} right",
+        "edge": f"{names}: outline {percent_text(item.iou)} right",
         "small": f"{names}: nothing like it is there" if item.left else f"small {item.label} missing here",
     }
     means = {

@@ -210,7 +210,7 @@ class FindBox(Panel):
         said = f"{found[at].name}: {at + 1} of {len(found)}." if len(found) > 1 else ""
         if scores:
             names = [
-                f"{n}. {one.name} ({percent_text(score, 0)})"
+                f"{n}. {one.name} ({percent_text(score)})"
                 for n, (one, score) in enumerate(zip(found, scores, strict=True), 1)
             ]
             names[at] += ", shown"
