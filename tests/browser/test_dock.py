@@ -59,6 +59,7 @@ class Dock:
 
     def buttons(self) -> float:
         """How high over the dock's lower edge the time panel has its buttons."""
+        self.page.mouse.move(1, 1)  # a tip that opens where the mouse rests in rerun lies over them until it leaves
         found: list[float] = []
 
         def one() -> bool:
