@@ -281,7 +281,7 @@ def _meetings(
                 found = np.concatenate((found, np.zeros(n, np.int64)))
             found[n] = _place(cell[i], label_of[i]) + step
             n += 1
-    return found[:n]
+    return found[:n].copy()  # without the room that is kept beside it
 
 
 @njit(cache=True, nogil=True)
@@ -811,7 +811,7 @@ def _look(
             elif count <= shared[node]:
                 continue
             segment[node], shared[node] = segment_of[i], count
-    return found[:n]
+    return found[:n].copy()
 
 
 @njit(cache=True, nogil=True)
@@ -944,7 +944,8 @@ def _rows(
         row_nodes[row] += 1.0
     for one in part[:parts]:
         place[one] = -1
-    return part[:parts], of_label, nodes, head, row_part[:rows], row_segment[:rows], row_nodes[:rows], following
+    of_rows = row_part[:rows].copy(), row_segment[:rows].copy(), row_nodes[:rows].copy()  # they are kept
+    return part[:parts], of_label, nodes, head, *of_rows, following
 
 
 @njit(cache=True, nogil=True)
