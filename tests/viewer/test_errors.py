@@ -125,7 +125,7 @@ def test_the_list_marks_where_errors_end_and_what_a_slider_has_to_do_with_one(mo
         before = [row for row in panel._rows if row.visible and row.order < panel._end.order]
         assert panel._end.visible and len(before) == len(errors_of)
         every, wrong = len(panel._entries), len(errors_of)
-        assert f"1 to {every} of {every}: {wrong} error, and {every - wrong} that is none." in panel._more.content
+        assert f"1 to {every} of {every}: {wrong} error, and {every - wrong} that is none." in panel._place.content
     finally:
         server.stop()
 
@@ -145,14 +145,27 @@ def test_what_is_shown_of_an_entry_goes_with_its_list(monkeypatch):
         panel = ErrorsPanel(cast(Page, page), cast(MapMaker, maker))
         panel._list_now()
         assert len(panel._entries) > errors.LISTED
+        rows = panel._rows
+        for at in (4, 0, 2):  # the buttons for other pages stay where they are, and what is said of a row is below it
+            panel._choose(at)
+            assert panel._pages.order < rows[0].order
+            assert panel._more.visible and rows[at].order < panel._more.order < rows[at + 1].order
+        panel._leave_entry()
         for leave in (lambda: panel._turn(1), lambda: panel._turn(-1), panel._list_other):
             panel._choose(0)
             assert selected[-1] == panel._entries[panel._first].selects
             assert panel._entries[panel._first].more in panel._more.content
-            chosen = panel._entries[panel._first].more
             leave()
             assert selected[-1] is None and drawn[-1] == () and panel._chosen == -1
-            assert chosen not in panel._more.content
+            assert not panel._more.visible and not any("▸" in row.label for row in panel._rows)
+        # The map, whose views would be faded for what is selected, is seen as a whole again; other tabs are about it.
+        panel.told({"type": "tabs", "open": ["Errors", "Recorded build"]})
+        panel._choose(1)
+        panel.told({"type": "tabs", "open": ["Mend", "Recorded build"]})
+        assert selected[-1] == panel._entries[panel._first + 1].selects and panel._chosen >= 0
+        panel.told({"type": "tabs", "open": ["Errors", "Recorded build"]})
+        panel.told({"type": "tabs", "open": ["Map", "Recorded build"]})
+        assert selected[-1] is None and not panel._more.visible
         panel._choose(0)
         panel._turn(-1)  # the first page is shown
         assert panel._chosen == 0

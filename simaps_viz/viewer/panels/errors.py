@@ -78,12 +78,14 @@ class ErrorsPanel(Panel):
         self._which = gui.add_dropdown("List", names, initial_value=names[0], visible=self._known, hint=ABOUT)
         by_person(self._which, self._list_other)
         self._about = gui.add_html("")
-        rows = [functools.partial(self._choose, at) for at in range(LISTED)]
-        self._rows = [button(gui, "-", do, color="gray", visible=False) for do in rows]
+        # Above the rows, whose heights differ: it stays under the finger that presses it again.
         self._pages = button_row(
             gui, "Listed", {"Previous": lambda: self._turn(-1), "Next": lambda: self._turn(1)},
             visible=False, hint=PAGES_HINT,
         )  # fmt: skip
+        self._place = gui.add_html("")
+        rows = [functools.partial(self._choose, at) for at in range(LISTED)]
+        self._rows = [button(gui, "-", do, color="gray", visible=False) for do in rows]
         self._end = gui.add_html(remark_html(END), visible=False)
         self._more = gui.add_html("")
         self._views = FrameGallery(page)
@@ -93,10 +95,13 @@ class ErrorsPanel(Panel):
         self._list_if_open()
 
     def told(self, event: dict[str, Any]) -> None:
-        """List what is wrong once the tab is opened."""
+        """List what is wrong once the tab is opened; leave what was chosen for the map."""
         if event.get("type") == "tabs":
             tabs = event.get("open")
-            self._open = isinstance(tabs, list) and TITLE in tabs
+            tabs = tabs if isinstance(tabs, list) else []
+            if self._open and "Map" in tabs:  # whose views would be faded for it
+                self._leave_entry(deselect=True)
+            self._open = TITLE in tabs
             self._list_if_open()
 
     def _list_if_open(self) -> None:
@@ -115,6 +120,7 @@ class ErrorsPanel(Panel):
             self._page.scene.show_changed(self._page.simap, ())
             if deselect:
                 self._page.select(None)
+            self._fill()
 
     def _list(self) -> None:
         self._listed = None
@@ -167,9 +173,12 @@ class ErrorsPanel(Panel):
         if self._end.visible:  # before the first that is none
             self._end.order = self._rows[right].order - 0.5
         self._pages.visible = len(self._entries) > LISTED
-        chosen = self._entries[self._chosen].more if self._chosen >= 0 else ""
         listed = f"{self._first + 1} to {self._first + len(shown)} of {self._all()}." if shown else ""
-        self._more.content = (small_html(chosen) if chosen else "") + remark_html(listed)
+        self._place.content = remark_html(listed)
+        self._more.visible = self._chosen >= 0
+        if self._more.visible:  # below its row
+            self._more.content = f'<div class="simaps-detail">{small_html(self._entries[self._chosen].more)}</div>'
+            self._more.order = self._rows[self._chosen - self._first].order + 0.25
 
     def _all(self) -> str:
         """Return how many entries there are, and how many of them are errors: "93: 1 error, and 92 that are none"."""
@@ -204,7 +213,6 @@ class ErrorsPanel(Panel):
         entry = self._entries[self._chosen] if self._chosen >= 0 else None
         if entry is not None and instance_id != entry.selects:
             self._leave_entry()
-            self._fill()
 
     def _show_views(self, entry: Entry) -> None:
         """Show how the object of an entry looked, unless another is chosen meanwhile."""

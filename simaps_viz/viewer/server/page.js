@@ -138,7 +138,7 @@
   const changeSeen = {};
   const BEGINS_PX = 60;  // where so much of it is in sight, the panel rests: the slider may be wanted again
   const showChange = () => {  // what a slider changed, or keeps two things apart, is said where it may be out of sight
-    for (const name of ['.simaps-change', '.simaps-apart']) {
+    for (const name of ['.simaps-change', '.simaps-apart', '.simaps-detail']) {
       const said = document.querySelector(name), inSight = said && said.getBoundingClientRect().top < innerHeight - BEGINS_PX;
       if (said && said !== changeSeen[name] && !(inSight && name === '.simaps-change')) said.scrollIntoView({ block: 'nearest' });
       changeSeen[name] = said;
