@@ -39,10 +39,7 @@ STAGES = {
     "finding instances": "Finding the objects",
 }
 """Words for the stages of `ensure_demo` and of a build."""
-NOTE = (
-    "The map and its recorded build are shipped with the program, so everything else works already. Pictures of "
-    "objects, masks, comparison, editing and the map's history follow when the frames are there."
-)
+NOTE = "Pictures of objects, masks, comparison, editing and history follow with them; all else works already."
 
 
 class _StoppedError(Exception):
@@ -115,8 +112,8 @@ class DemoFrames:
         return self._state
 
     def panel(self) -> PanelSpec:
-        """Return the tab that shows how far it is; a finished page has it no more."""
-        return PanelSpec("Frames", viser.Icon.MOVIE, lambda page: FramesPanel(page.gui, self), place="front")
+        """Return what shows how far it is, in the tab Map; a finished page has it no more."""
+        return PanelSpec("Map", viser.Icon.MAP, lambda page: FramesPanel(page.gui, self))
 
     def start(self, page: Workbench) -> None:
         """Begin to render."""
@@ -171,11 +168,16 @@ class FramesPanel(ProgressPanel[FramesState]):
     """A line, a bar and a note."""
 
     def __init__(self, gui: viser.GuiApi, frames: DemoFrames) -> None:
-        """Fill the open container."""
-        self._head = gui.add_html("")
-        self._bar = gui.add_progress_bar(0.0)
-        gui.add_html(note_html(escape(NOTE)))
+        """Fill the top of the open container."""
+        self._head = gui.add_html("", order=-3.0)
+        self._bar = gui.add_progress_bar(0.0, order=-2.0)
+        self._note = gui.add_html(note_html(escape(NOTE)), order=-1.0)
         super().__init__(frames.state)
+
+    def close(self) -> None:
+        """Take all of it away."""
+        super().close()
+        self._head.visible = self._bar.visible = self._note.visible = False
 
     def show(self, state: FramesState) -> None:
         """Fill the widgets."""

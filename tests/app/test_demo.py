@@ -7,10 +7,12 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+import viser
+from browser import free_port
 
 from simaps_viz import load_map
 from simaps_viz.app import demo, workbench
-from simaps_viz.app.demo import SHIPPED_MAP, DemoFrames, FramesState, shipped_demo, state_in_words
+from simaps_viz.app.demo import SHIPPED_MAP, DemoFrames, FramesPanel, FramesState, shipped_demo, state_in_words
 from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.cli.main import main
 from simaps_viz.errors import InputError
@@ -65,19 +67,20 @@ def test_the_page_is_there_at_once_and_complete_when_the_frames_are(monkeypatch)
     seen = []
 
     def wait(page):
-        titles = lambda: [spec.title for spec in page.services.panels]  # noqa: E731
-        seen.append(titles())
+        seen.append(page.services.panels)
         (thread,) = (one for one in threading.enumerate() if one.name == "demo-frames")
         thread.join(300.0)
-        seen.append(titles())
+        seen.append(page.services.panels)
         seen.append(page.services.look_back(page.simap, 3))
         seen.append(page.simap.frame_names)
 
     monkeypatch.setattr("simaps_viz.viewer.workbench.Workbench.wait", wait)
     assert main(["demo", "--no-browser", "--port", "0"]) == 0
     before, after, past, frames = seen
-    assert before[0] == "Frames" and not {"Masks", "Compare"} & set(before)
-    assert "Frames" not in after and {"Masks", "Compare"} <= set(after)
+    assert before[0].title == "Map" and before[0] not in after
+    assert {spec.place for spec in before} == {"tab"}, "a page opens on the map"
+    needs_frames = {"Masks", "Compare"}
+    assert not needs_frames & {spec.title for spec in before} and needs_frames <= {spec.title for spec in after}
     assert past is not None and len(frames) == 8
 
 
@@ -123,6 +126,19 @@ def test_the_page_keeps_its_first_panels_when_the_frames_are_there_and_has_the_o
     assert finished[: len(first)] == first
     later = workbench.panels_of(simap, None, workbench.maps_of())
     assert [one.title for one in finished] == [one.title for one in later]
+
+
+def test_how_far_the_frames_are_is_above_all_else_in_its_tab_until_they_are_there():
+    server = viser.ViserServer(host="127.0.0.1", port=free_port(), verbose=False)
+    try:
+        other = server.gui.add_html("")
+        panel = FramesPanel(server.gui, DemoFrames())
+        shown = panel._head, panel._bar, panel._note
+        assert "Preparing the café" in panel._head.content and all(one.order < other.order for one in shown)
+        panel.close()
+        assert not any(one.visible for one in shown)
+    finally:
+        server.stop()
 
 
 def test_stages_without_steps_have_no_numbers():
