@@ -20,7 +20,7 @@ from browser import (
     watched_page,
 )
 from playwright.sync_api import expect
-from toy_maps import TOY_POSE, toy_map
+from toy_maps import TOY_POSE, furnished_map, toy_map
 
 from simaps_viz.drawing.texture import MapPicture
 from simaps_viz.structures import Pose2
@@ -147,6 +147,27 @@ def test_names_come_with_the_zoom_large_objects_first_and_never_cover_one_anothe
     session.select(None)
     expect(page.locator(".simaps-chosen:visible")).to_have_count(0)
     until(page, lambda: "chair 1" in names(page))  # with the others, as why it is one is no longer drawn
+
+
+def test_no_name_stands_on_the_middle_of_another_larger_object(browser):
+    """On a phone the refrigerator's own name has no room beside the counter's, and the plant's would lie on it."""
+    row = ["counter", 1.0, 6.0, 3.0, 6.9, 0.9], ["refrigerator", 3.0, 6.0, 3.7, 6.9, 1.8]
+    simap = furnished_map({"size_m": [8, 8], "walls": [], "things": [*row, ["potted plant", 3.7, 6.2, 4.2, 6.7, 1.0]]})
+    counter, refrigerator, plant = (simap.of_class(label)[0] for label in ("counter", "refrigerator", "potted plant"))
+    with Workbench(simap, services=toy_services(), port=free_port(), start=Pose2(4.0, 2.0, 0.0)) as bench:
+        with watched_page(browser, 420, 860) as page:
+            open_workbench(page, bench)
+            page.locator(".simaps-name:visible", has_text=counter.name).wait_for()
+            at_rest(page)
+            assert not {refrigerator.name, plant.name} & set(names(page))
+            page.mouse.move(*on_canvas(bench, page, *refrigerator.centroid_m[:2]))
+
+            def both_are_named():  # once one is near enough
+                page.mouse.wheel(0, -240)
+                at_rest(page)
+                return {refrigerator.name, plant.name} <= set(names(page))
+
+            until(page, both_are_named)
 
 
 TEXTS = """() => [...document.querySelectorAll('.simaps-text')].filter((one) => one.checkVisibility())

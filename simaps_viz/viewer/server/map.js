@@ -219,19 +219,21 @@
       place(text, box, id, `simaps-text ${look}`);
     }
   };
-  // Large objects first; a name is left out where it would cover another, or be far larger than its object.
+  // Large objects first; a name is left out where it would cover another or the middle of a larger object, which would
+  // seem to be called so, or be far larger than its own.
   const writeNames = (taken, look) => {
     const [left, top] = at(toScreen, 0, 0), [right, bottom] = at(toScreen, map.cell, map.cell);
     const px = Math.hypot(right - left, bottom - top) / Math.SQRT2, texted = new Set(texts.map((one) => one[1] && one[10]));
     const dense = width < PHONE_PX ? 2 : 1;  // names of one size are larger beside what a small map shows
-    for (const one of map.shown) {
+    const middles = map.shown.map((one) => at(toScreen, ...cellToMap(one.x, one.y))).map(([x, y]) => [x, y, x, y]);
+    for (const [i, one] of map.shown.entries()) {
       if (one.id === state.selected || !shows(one.label) || texted.has(one.id)) continue;
       const wide = (one.east - one.west) * px, high = (one.north - one.south) * px;
       if (high * dense < 13 || wide * dense < 13) continue;
       if (widthOf(one.name) > 2.2 * dense * wide) continue;
-      const half = widthOf(one.name) / 2 + GAP, [x, y] = at(toScreen, ...cellToMap(one.x, one.y));
+      const half = widthOf(one.name) / 2 + GAP, [x, y] = middles[i];
       const box = [x - half, y - LINE / 2, x + half, y + LINE / 2];
-      if (!isWhole(box) || !isFree(box, taken)) continue;
+      if (!isWhole(box) || !isFree(box, taken) || !isFree(box, middles.slice(0, i))) continue;
       taken.push(box);
       place(one.name, box, one.id, look);
     }
