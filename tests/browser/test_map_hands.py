@@ -154,20 +154,22 @@ def test_no_name_stands_on_the_middle_of_another_larger_object(browser):
     row = ["counter", 1.0, 6.0, 3.0, 6.9, 0.9], ["refrigerator", 3.0, 6.0, 3.7, 6.9, 1.8]
     simap = furnished_map({"size_m": [8, 8], "walls": [], "things": [*row, ["potted plant", 3.7, 6.2, 4.2, 6.7, 1.0]]})
     counter, refrigerator, plant = (simap.of_class(label)[0] for label in ("counter", "refrigerator", "potted plant"))
-    with Workbench(simap, services=toy_services(), port=free_port(), start=Pose2(4.0, 2.0, 0.0)) as bench:
-        with watched_page(browser, 420, 860) as page:
-            open_workbench(page, bench)
-            page.locator(".simaps-name:visible", has_text=counter.name).wait_for()
+    with (
+        Workbench(simap, services=toy_services(), port=free_port(), start=Pose2(4.0, 2.0, 0.0)) as bench,
+        watched_page(browser, 420, 860) as page,
+    ):
+        open_workbench(page, bench)
+        page.locator(".simaps-name:visible", has_text=counter.name).wait_for()
+        at_rest(page)
+        assert not {refrigerator.name, plant.name} & set(names(page))
+        page.mouse.move(*on_canvas(bench, page, *refrigerator.centroid_m[:2]))
+
+        def both_are_named():  # once one is near enough
+            page.mouse.wheel(0, -240)
             at_rest(page)
-            assert not {refrigerator.name, plant.name} & set(names(page))
-            page.mouse.move(*on_canvas(bench, page, *refrigerator.centroid_m[:2]))
+            return {refrigerator.name, plant.name} <= set(names(page))
 
-            def both_are_named():  # once one is near enough
-                page.mouse.wheel(0, -240)
-                at_rest(page)
-                return {refrigerator.name, plant.name} <= set(names(page))
-
-            until(page, both_are_named)
+        until(page, both_are_named)
 
 
 TEXTS = """() => [...document.querySelectorAll('.simaps-text')].filter((one) => one.checkVisibility())

@@ -19,7 +19,10 @@ NOTE = (
 )
 NO_FRAMES = "This map keeps no frames. Build it again with --history (or --record MAP.rrd) to go back in time."
 FRAME_HINT = "Counted from 0. Keys [ and ]: one frame back or forward."
-STEP_HINT = "How many parts were joined, those that the map takes first; below 0: Louvain's levels, then classes only."
+STEP_HINT = (
+    "How many parts are joined, those that the map joins first. Before them, at the far left, cells come together to "
+    "parts: first there are classes only, then Louvain's levels."
+)
 
 
 class BuildPanel(Panel):
@@ -140,7 +143,7 @@ class StepsPanel(Panel):
         self._timeline: Timeline | None = None
         with gui.add_folder("How objects were joined"):
             self._slider = by_person(
-                gui.add_slider("Merge step", 0, 1, 1, 1, disabled=True, hint=STEP_HINT), self._moved
+                gui.add_slider("Merge step", 0, 1, 1, 1, marks=(), disabled=True, hint=STEP_HINT), self._moved
             )
             self._words = gui.add_html("")
             played = Played(lambda: self._chosen, lambda: self._finished, self.choose, lambda: float(self._rate.value))
