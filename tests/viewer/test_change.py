@@ -20,12 +20,19 @@ from simaps_viz.errors import InputError
 from simaps_viz.evaluation.two_maps import TRUTH, Source, compare_two
 from simaps_viz.mapping.simap import repartition
 from simaps_viz.viewer.page.shared import keep_numbers, same_instances
-from simaps_viz.viewer.panels import map as map_panel
 from simaps_viz.viewer.panels.command import CommandPanel
 from simaps_viz.viewer.panels.compare import MethodPanel, item_text, method_panel
 from simaps_viz.viewer.panels.help import HelpPanel
 from simaps_viz.viewer.panels.instance import FindBox
-from simaps_viz.viewer.panels.map import FAINT, MAX_CHANGES, MapPanel, change_text, changes_between, doubtful_on
+from simaps_viz.viewer.panels.map import (
+    FAINT,
+    MAX_CHANGES,
+    MapPanel,
+    change_text,
+    changes_between,
+    doubtful_on,
+    show_only,
+)
 from simaps_viz.viewer.scene.map_scene import Style
 from simaps_viz.viewer.workbench import Workbench
 
@@ -148,7 +155,6 @@ def test_a_moved_slider_says_what_it_changed_and_one_button_shows_before(monkeyp
     with opened() as (_, page):
         session, panel = page.session, page.session.panels[MapPanel]
         whole, drawn = session.simap, []
-        monkeypatch.setattr(map_panel, "OUTLINED_S", PATIENCE_S)
         monkeypatch.setattr(session.scene, "show_changed", lambda simap, ids: drawn.append((simap, tuple(ids))))
         assert not panel._change.visible and not panel._peek.visible
         session.cut_map(30.0, 1.0)
@@ -168,10 +174,13 @@ def test_a_moved_slider_says_what_it_changed_and_one_button_shows_before(monkeyp
         sizes = [sum(cut.by_id(i).cells for i in change.after) for change in changes]
         assert len(sizes) > 1 and sizes == sorted(sizes, reverse=True)
         assert session.selected is None  # which would open another tab
-        session.select(cut.instances[0].id)
+        # What is outlined stays so until something is selected, and is not pale; Escape ends it, too.
         style = Style(lit=frozenset({cut.instances[0].id}))
-        assert panel.style(cut, style).lit is None  # what changed is not pale while it is outlined
-        panel._cleared(cut)
+        assert panel.style(cut, style).lit is None
+        session.select(cut.instances[0].id)
+        assert panel.style(cut, style).lit == style.lit and drawn[-1] == (cut, ())
+        panel._outline_looked()
+        show_only(session, None)
         assert panel.style(cut, style).lit == style.lit and drawn[-1] == (cut, ())
         panel.peek()
         assert session.wait_idle() and np.array_equal(session.simap.instance, whole.instance) and panel.percent == 5.0

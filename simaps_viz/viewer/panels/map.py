@@ -3,7 +3,6 @@
 import base64
 import functools
 import json
-import threading
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from html import escape
@@ -39,8 +38,8 @@ BEFORE = "Before and after"
 PEEKING = "Showing before – press again for after"
 BEFORE_HINT = "The map as it came, before the sliders were moved, and as it is."
 STEP_HINT = "Go to what the slider changed, one after the other; the north arrow shows the whole map."
-MAX_MOVED, MAX_CHANGES, OUTLINED_S = 3, 8, 6.0
-"""Classes and changes that are named beside a moved slider, and for how long what changed is outlined."""
+MAX_MOVED, MAX_CHANGES = 3, 8
+"""Classes and changes that are named beside a moved slider."""
 _KINDS = {"missed": "gone", "extra": "new"}
 """What a comparison calls otherwise, as one of its maps is the truth."""
 MODE_HINT = "What a colour on the map means; the legend follows."
@@ -71,7 +70,9 @@ class Change(NamedTuple):
 class MapPanel(Panel):
     """The map's origin, the sliders that cut it into instances, and the legend of its colours."""
 
-    _in_space = False
+    _in_space = _outlined = False
+    _outlined_at: tuple[float, float] | None = None
+    """The position that was selected when what changed was outlined."""
     _changed: tuple[Change, ...] = ()
     """What a moved slider changed, the largest first."""
     _said = ""
@@ -132,7 +133,6 @@ class MapPanel(Panel):
         self._after: Cut | None = None
         """How the map is to be cut after the map before was looked at; None = that is not looked at."""
         self._shown, self._shown_cut = simap, own
-        self._clearing: threading.Timer | None = None
         # What is painted.
         self._class = gui.add_dropdown(
             "Show", (EVERY_CLASS, *simap.counts()), initial_value=EVERY_CLASS, hint="Emphasise one class."
@@ -274,26 +274,14 @@ class MapPanel(Panel):
         self._outline(simap, now or change.before or change.after)
 
     def _outline(self, simap: SIMap, ids: Sequence[int]) -> None:
-        """Outline what changed, for a moment."""
-        if self._clearing is not None:
-            self._clearing.cancel()
-            self._clearing = None
+        """Outline what changed, until something else is selected, or Escape is pressed."""
+        self._outlined, self._outlined_at = bool(ids), self._page.picked
         self._page.scene.show_changed(simap, ids)
-        if ids:
-            self._clearing = threading.Timer(OUTLINED_S, lambda: self._cleared(simap))
-            self._clearing.daemon = True
-            self._clearing.start()
 
-    def _cleared(self, simap: SIMap) -> None:
-        self._clearing = None
-        self._page.scene.show_changed(simap, ())
-        if self._page.selected is not None:
+    def _end_outlines(self) -> None:
+        if self._outlined:
+            self._outline(self._shown, ())
             self._page.repaint()
-
-    def close(self) -> None:
-        """End the outlines of what changed."""
-        if self._clearing is not None:
-            self._clearing.cancel()
 
     def _cut_surface(self) -> None:
         self._page.scene.cut_at(float(self._cut_m.value), whole_walls=bool(self._walls.value))
@@ -312,7 +300,7 @@ class MapPanel(Panel):
     def style(self, simap: SIMap, style: Style) -> Style:
         """Paint in the chosen colours, and emphasise the chosen class unless an instance is selected."""
         shown, faded = self.shown_class, self.faded
-        if self._clearing is not None:  # what changed is seen all over the map, whatever is selected
+        if self._outlined:  # what changed is seen all over the map, whatever is selected
             style = replace(style, lit=None)
         if style.lit is None and (shown is not None or faded):
             lit = simap.of_class(shown) if shown is not None else simap.instances
@@ -350,6 +338,7 @@ class MapPanel(Panel):
 
     def show_only(self, label: str | None) -> bool:
         """Show a class alone, or all again, also those that are faded; return whether one is."""
+        self._end_outlines()
         self._class.value = label if label in self._class.options else EVERY_CLASS
         if label is None and self.faded:
             self.faded = frozenset()
@@ -357,7 +346,9 @@ class MapPanel(Panel):
         return self.shown_class is not None
 
     def selection_changed(self, instance_id: int | None) -> None:
-        """Show all again, if an object of another class is selected than the one shown alone."""
+        """Show all again, if an object of another class is selected than the one shown alone; end what is outlined."""
+        if self._page.picked != self._outlined_at:  # not by the map that was cut anew
+            self._end_outlines()
         if instance_id is not None and self.shown_class not in (None, self._page.simap.by_id(instance_id).label):
             self._class.value = EVERY_CLASS
 
