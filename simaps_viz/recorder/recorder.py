@@ -203,7 +203,7 @@ def build_blueprint(extent_m: Extent | None = None) -> rrb.Blueprint:
             rrb.Horizontal(rrb.Tabs(*cameras, active_tab=0), _room_and_counts()),
             map_views(extent_m, MAP_VIEWS),
             rrb.TextDocumentView(origin="/now", name="Now", titlebar=False),
-            row_shares=[0.40, 0.52, 0.08],
+            row_shares=[0.38, 0.50, 0.12],  # the last: two lines on a page of 720 pixels
         ),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),

@@ -1,5 +1,7 @@
 """Keys, the dark page and the colours of classes, in Debian's Chromium on the toy map."""
 
+import cv2
+import numpy as np
 import pytest
 from browser import field_of, mine, open_workbench, until, wait_for_color, watched_page
 from page_looks import CHAIR_1, select_chair_1
@@ -134,6 +136,20 @@ def test_the_help_lists_every_key_and_closes(page):
     for key in ("Space", "[", "]", "T", "3", "Esc", "L", "H or ?", "/"):
         expect(page.locator("kbd", has_text=key).first).to_be_attached()
     expect(page.get_by_text("the share of what frames saw of two parts")).to_be_attached()
+    # It is as wide as its lines are, and nothing of them is seen beside Close or below it, however far one has read.
+    dialog = page.locator(".mantine-Modal-content")
+    box, close = dialog.bounding_box(), page.get_by_role("button", name="Close").bounding_box()
+    assert box and close and box["width"] > 600
+    left, bottom = box["x"] + 2, box["y"] + box["height"] - 2
+    strips = [(left, close["y"], close["x"] - 4 - left), (left, close["y"] + close["height"] + 4, box["width"] / 2)]
+    for _ in range(4):
+        for x, y, width in strips:
+            clip = {"x": x, "y": y, "width": width, "height": bottom - y}
+            seen = cv2.imdecode(np.frombuffer(page.screenshot(clip=clip), np.uint8), cv2.IMREAD_COLOR)
+            assert seen is not None and np.ptp(seen.reshape(-1, 3), axis=0).max() < 8
+        page.mouse.move(box["x"] + box["width"] / 2, box["y"] + 100)
+        page.mouse.wheel(0, 23)
+        page.wait_for_timeout(PAUSE_MS)
     press(page, "Escape")
     expect(title).not_to_be_visible()
     press(page, "h")

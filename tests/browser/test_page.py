@@ -66,8 +66,10 @@ SMALL = """(least) => {
 }"""
 SPILT = """() => {
   const left = document.querySelector('canvas').getBoundingClientRect().right, spilt = [];
-  const look = (box, text) => {
-    if (box.width > 0 && box.right > left + 1 && (box.right > innerWidth + 0.5 || box.left < left - 0.5))
+  const look = (box, text, one) => {
+    const dialog = one.closest('.mantine-Modal-content'), home = dialog && dialog.getBoundingClientRect();
+    const [low, high] = home ? [home.left, home.right] : [left, innerWidth];
+    if (box.width > 0 && (home || box.right > left + 1) && (box.right > high + 0.5 || box.left < low - 0.5))
       spilt.push(`${box.left.toFixed(0)}..${box.right.toFixed(0)} ${text.slice(0, 40)}`);
   };
   const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
@@ -75,10 +77,10 @@ SPILT = """() => {
     if (!node.data.trim() || !node.parentElement.checkVisibility() || node.parentElement.closest('style')) continue;
     const range = document.createRange();
     range.selectNodeContents(node);
-    look(range.getBoundingClientRect(), node.data.trim());
+    look(range.getBoundingClientRect(), node.data.trim(), node.parentElement);
   }
   for (const one of document.querySelectorAll('input, textarea:not([aria-hidden]), button, img, table'))
-    if (one.checkVisibility()) look(one.getBoundingClientRect(), one.tagName);
+    if (one.checkVisibility()) look(one.getBoundingClientRect(), one.tagName, one);
   return spilt;
 }"""
 
