@@ -54,6 +54,16 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker("slow")
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Look for no garbage while files are imported, which leaves next to none: each worker does so for all tests."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
+
+
 def _keep() -> None:
     """Let garbage be looked for in what comes from now on only: what is imported stays, and is half a million objects.
 

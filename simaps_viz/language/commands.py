@@ -5,7 +5,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cache, partial
 from itertools import islice, pairwise
 from typing import Final
 
@@ -121,8 +121,9 @@ def _ways_to_read(text: str, vocabulary: Vocabulary) -> Iterator[Callable[[], Re
     if not _BARRED.isdisjoint(text):
         return
     tried = set[tuple[str, tuple[str, ...]]]()
+    said = cache(lambda tails: [*clauses_of(plainly(text), vocabulary, tails=tails)])
     for tails, short in ((False, False), (True, False), (True, True)):
-        for aside in _asides([*clauses_of(plainly(text), vocabulary, tails=tails)], vocabulary, short=short):
+        for aside in _asides(said(tails), vocabulary, short=short):
             if (aside.text, aside.left_out) not in tried:
                 tried.add((aside.text, aside.left_out))
                 yield partial(aside.rest, vocabulary, known=tails)

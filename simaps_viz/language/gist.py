@@ -8,6 +8,7 @@ phrase, where it may tell which thing is meant.
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 from simaps_viz.language.grammar import Chart, Edge
@@ -91,7 +92,7 @@ class Clause:
         """Whether it says how things are, and nothing about what is to be done."""
         return not _QUESTION.match(self.text) and is_statement(self.text, names_things=names_things)
 
-    @property
+    @cached_property
     def is_topic(self) -> bool:
         """Whether it only names one thing, of which more is said after it."""
         sentence, kinds = self.sentence, _kinds(self.sentence)
@@ -238,7 +239,8 @@ def gist(sentence: Sentence) -> str:
     whole = sentence
     while sentence.words and sentence.words[-1] in ".,;:!?":
         sentence = Sentence(sentence.words[:-1], (*sentence.edges[:-2], ()), ())
-    for words, edges in ((sentence.words, sentence.edges), _without_strange(sentence)):
+    heard, less = (sentence.words, sentence.edges), _without_strange(sentence)
+    for words, edges in (heard, less) if less[0] != heard[0] else (heard,):
         short = Sentence(words, edges, ())
         strange, end = set(short.unknown), len(words)
         known = [
@@ -251,15 +253,16 @@ def gist(sentence: Sentence) -> str:
         ]
         chart = Chart(GRAMMAR, known)
         for at in range(end):
-            found = any(one.end >= end for one in chart.parse("start", at))
             if at and any(edge.kind in ("IS", "FINITE", "EXIST", "MORE") for edge in known[at]):
                 continue  # "it is any of them" asks nothing, nor does "whichever stands closer to the lamp"
-            if found and at == 0:
+            opening = _opening(short, at) if at else ""
+            if opening is None or not any(one.end >= end for one in chart.parse("start", at)):
+                continue
+            if at == 0:
                 if words == sentence.words or (words[0] != sentence.words[0] and _kinds(short)[0].isdisjoint(_DRIVES)):
                     return ""  # "dim the lamp"
                 return " ".join(words) + whole.words[-1] * (whole.words[-1] in "?")
-            if found and (opening := _opening(short, at)) is not None:
-                return f"{opening} {' '.join(words[at:])}".strip()
+            return f"{opening} {' '.join(words[at:])}".strip()
     return ""
 
 
