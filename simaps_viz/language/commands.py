@@ -557,7 +557,7 @@ def _carried(
             if is_begun and goes_on:  # "drive, nice and easy, to the desk"
                 left = left.rstrip(" ,") + " "
             is_begun = clause.endswith(",") and not _names_things(sentence)
-        for label, spoken, is_bare in () if out else _named_in(sentence):
+        for label, spoken, is_bare in () if out or not told else _named_in(sentence):
             if label in told and is_bare and vocabulary.count(label) != 1:
                 if len(told[label]) > 1 or any(told[label].values()) or spoken.split()[0] in ("a", "an", "any"):
                     return None

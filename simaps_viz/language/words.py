@@ -150,6 +150,7 @@ ACTIVITIES: Final[dict[Words, str]] = {
 """{("sit", "down"): generic word}, as in "somewhere to sit down"."""
 PLACES: Final = _split(_THINGS["places"])
 """Words that refer to the place of an activity, such as "somewhere"."""
+_BEGIN_PLACES: Final = frozenset(words[0] for words in PLACES)
 LINKS: Final = _split(_THINGS["links"])
 """Words that join a place and an activity, such as "where i can"."""
 NEEDS: Final[dict[Words, str]] = {
@@ -451,6 +452,8 @@ class Vocabulary:
 
     def activity(self, words: Sequence[str]) -> tuple[str, int]:
         """Read "somewhere to sit" at the start of some words; returns the generic word and the length ("", 0: none)."""
+        if not words or words[0] not in _BEGIN_PLACES:
+            return "", 0
         for place in PLACES:
             if tuple(words[: len(place)]) != place:
                 continue
