@@ -734,7 +734,9 @@ def _refusal(sentence: Sentence, chart: Chart, vocabulary: Vocabulary) -> str:
         hint = f" Did you mean {near}?" if near else ""
         return f'Not understood: "{_in_brief(unknown)}".{hint}'
     if at >= len(words):
-        return f'Not understood: "{clause}" seems to be cut short.'
+        is_thing = any(edge.end == len(words) and edge.kind in ("NOUN", "NOUNS") for here in edges for edge in here)
+        or_else = ", or is no order that is known" if is_thing else ""
+        return f'Not understood: "{clause}" seems to be cut short{or_else}.'
     return f'Not understood: "{_in_brief(words[at])}" in "{clause}".'
 
 

@@ -422,6 +422,23 @@ def test_one_finger_moves_the_map_two_come_closer_and_a_tap_selects(bench, touch
     until(page, lambda: mine(bench).selected == simap.at(*CHAIR).id)
 
 
+def test_two_fingers_come_closer_in_the_3d_view_as_well_as_far_as_they_move_apart(bench, touched):
+    page, fingers = touched
+    mine(bench).look(SLANT)
+    settled(bench, page, lambda camera: not upright(camera))
+    camera, middle, reach = mine(bench).client.camera, np.array((210.0, 230.0)), np.array((30.0, 0.0))
+    far = np.linalg.norm(np.subtract(camera.position, camera.look_at))
+    fingers("touchStart", middle - reach, middle + reach)
+    for more in (1.25, 1.5, 1.75, 2.0):
+        fingers("touchMove", middle - more * reach, middle + more * reach)
+    fingers("touchEnd")
+
+    def near(camera):
+        return np.linalg.norm(np.subtract(camera.position, camera.look_at)) == pytest.approx(far / 2, rel=0.03)
+
+    settled(bench, page, near)
+
+
 @pytest.mark.parametrize("by", ["mouse", "finger"])
 def test_a_press_on_a_name_selects_what_is_named_and_not_what_lies_under_it(bench, touched, by):
     page, fingers = touched

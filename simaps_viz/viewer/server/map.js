@@ -452,10 +452,10 @@
     const can = controls.constructor.ACTION, top = state.view === TOP;
     give(controls.mouseButtons, 'left', top ? can.TRUCK : can.ROTATE);
     give(controls.touches, 'one', top ? can.TOUCH_TRUCK : can.TOUCH_ROTATE);
-    give(controls.touches, 'two', top ? can.NONE : can.TOUCH_DOLLY_TRUCK);
+    give(controls.touches, 'two', can.NONE);
     give(controls, 'dollyToCursor', true);
   };
-  // Two fingers in the top view: what is under each of them stays there. (The library's own pinch hardly comes closer.)
+  // Two fingers: what is under each of them stays there. (The library's own pinch hardly comes closer.)
   const fingers = new Map();
   const spread = () => {
     const [[a, b], [c, d]] = [...fingers.values()];
@@ -472,7 +472,7 @@
     if (event.type === 'pointerup' || event.type === 'pointercancel') fingers.delete(event.pointerId);
     if (event.type !== 'pointermove' || !known) return;
     const viser = window.__viserMutable, controls = viser.cameraControl;
-    if (fingers.size !== 2 || state.view !== TOP || !controls) { fingers.set(event.pointerId, place); return; }
+    if (fingers.size !== 2 || !controls) { fingers.set(event.pointerId, place); return; }
     const [x, y, wide] = spread();
     fingers.set(event.pointerId, place);
     const [nowX, nowY, now] = spread(), closer = now / wide, box = viser.canvas.getBoundingClientRect();
