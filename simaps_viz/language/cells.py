@@ -302,27 +302,13 @@ class Sight:
         ahead = np.abs((bearing + np.pi) % (2.0 * np.pi) - np.pi) <= self.field_of_view_rad / 2.0 + 1e-9
         if not ahead.any():
             return False
-        return self._any_free(offsets[ahead], self._tops_m(cells[ahead]), instance.id)
-
-    def _tops_m(self, cells_m: NDArray) -> NDArray:
-        row, col = self._cells_of(cells_m[:, 0], cells_m[:, 1])
-        return np.nan_to_num(self._simap.grid.height_m[row, col].astype(np.float64))
-
-    def _any_free(self, offsets_m: NDArray, tops_m: NDArray, instance_id: int) -> bool:
-        """Return whether nothing else stops one of the rays, given where they end [n, 2] and how high [n]."""
         spec, (low, high) = self._simap.spec, self._column
-        step, eye = (
-            spec.cell_size_m / _STEPS_PER_CELL,
-            np.array([self.viewer.x_m, self.viewer.y_m, self.eye_height_m]),
-        )
-        origin = np.array([spec.x0_m, spec.y0_m, spec.cell_size_m])
-        return bool(_any_free(offsets_m, tops_m, eye, origin, step, low, high, self._simap.instance, instance_id))
-
-    def _cells_of(self, x: NDArray, y: NDArray) -> tuple[NDArray, NDArray]:
-        spec = self._simap.spec
-        col = np.floor((x - spec.x0_m) / spec.cell_size_m).astype(np.int64)
-        row = np.floor((y - spec.y0_m) / spec.cell_size_m).astype(np.int64)
-        return row, col
+        col, row = np.floor((cells[ahead] - (spec.x0_m, spec.y0_m)) / spec.cell_size_m).astype(np.int64).T
+        tops = np.nan_to_num(self._simap.grid.height_m[row, col].astype(np.float64))
+        eye = np.array([self.viewer.x_m, self.viewer.y_m, self.eye_height_m])
+        origin, step = np.array([spec.x0_m, spec.y0_m, spec.cell_size_m]), spec.cell_size_m / _STEPS_PER_CELL
+        number = instance.id
+        return bool(_any_free(offsets[ahead], tops, eye, origin, step, low, high, self._simap.instance, number))
 
     @cached_property
     def _column(self) -> tuple[NDArray, NDArray]:

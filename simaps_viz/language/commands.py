@@ -17,7 +17,7 @@ from simaps_viz.language.orders import EVERYTHING, GRAMMAR, Choose, Do, Repeat, 
 from simaps_viz.language.primitives import FUNCTIONS, SELF
 from simaps_viz.language.program import ProgramError, parse_program
 from simaps_viz.language.questions import plain_question
-from simaps_viz.language.tokenizer import Sentence, clauses, is_statement, is_wish, plainly, read_words
+from simaps_viz.language.tokenizer import PLACING, Sentence, clauses, is_statement, is_wish, plainly, read_words
 from simaps_viz.language.words import LACKS, Noun, Vocabulary, plain, plural, singular
 
 MAX_LENGTH: Final = 500
@@ -42,7 +42,6 @@ _SHORTLY: Final = re.compile(
     r"brown|yellow))\W*$"
 )
 """The end of an order that names no thing itself: "stop at each", "go to the longest"."""
-_PLACING: Final = frozenset(["NEAR", "ON", "IN", "AT", "BY", "UNDER", "BEHIND", "BETWEEN", "FRONT", "OPPOSITE"])
 _JOINING: Final = frozenset({",", ";", ":", "and", "then", "so", "but", "or"})
 _JOINED: Final = re.compile(r"^\W*(?:and|but|so)\b,?(?! (?:not|no|never|none|without|only|first|do not|don)\b)")
 """What joined an order to talk that is left out."""
@@ -340,7 +339,7 @@ def instead(text: str, labels: Sequence[str] | Mapping[str, int]) -> tuple[str, 
         for others in ([*near, *vocabulary.kin(name)], frequent)
     )
     # an order may lose where its goal is; a question would be asked of more than was meant
-    joins = {*_PLACING, "NEAREST", "FARTHEST", "WITH", "THAT"} if kinds[0] & {*_DRIVEN, "LOOK"} else frozenset[str]()
+    joins = {*PLACING, "NEAREST", "FARTHEST", "WITH", "THAT"} if kinds[0] & {*_DRIVEN, "LOOK"} else frozenset[str]()
     ends = (n for n in range(at, 1, -1) if words[n] in {*_JOINING, *_STARTS} or kinds[n] & joins)
     before = readable(words[:n] for n in ends)
     found = [*readable(likely)] or [*islice(before, 1)] or [*readable(often if is_thing else ())]
@@ -448,7 +447,7 @@ def _tells_apart(clause: Sentence, program: str) -> bool:
         # "The red chair is broken, go to the yellow one" has a colour of its own.
         if kinds == {"COLOR"} and "colored(" not in program:
             return True
-        placed = clause.words[max(at - 2, 0) : at] in (("was", "the"), ("is", "the")) and not _PLACING.isdisjoint(
+        placed = clause.words[max(at - 2, 0) : at] in (("was", "the"), ("is", "the")) and not PLACING.isdisjoint(
             edge.kind for edge in clause.edges[at + 1]
         )  # "it was the one in the bedroom"
         if at and not kinds.isdisjoint(("ONE", "ONES")) and (before & _BEFORE_ONE or placed):
@@ -486,7 +485,7 @@ def _without(
 ) -> Iterator[_Aside]:
     """Return what is left of a text, if anything is left out and anything is left."""
     torn = any(
-        out and clause.endswith(",") and not {edge.kind for edge in after.edges[0]}.isdisjoint(_PLACING)
+        out and clause.endswith(",") and not {edge.kind for edge in after.edges[0]}.isdisjoint(PLACING)
         for clause, out, after, kept in zip(said, dropped, sentences[1:], dropped[1:], strict=False)
         if not kept
     )  # "the backpack was on the floor, near the table" is one thing told
@@ -553,7 +552,7 @@ def _carried(
     for clause, sentence, out in clauses_of:
         here = "" if out else f"{clause} "
         if not out:
-            goes_on = not {edge.kind for edge in sentence.edges[0]}.isdisjoint(("TO", "TOWARD", "OVER", *_PLACING))
+            goes_on = not {edge.kind for edge in sentence.edges[0]}.isdisjoint(("TO", "TOWARD", "OVER", *PLACING))
             if is_begun and goes_on:  # "drive, nice and easy, to the desk"
                 left = left.rstrip(" ,") + " "
             is_begun = clause.endswith(",") and not _names_things(sentence)

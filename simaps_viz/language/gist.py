@@ -13,7 +13,7 @@ from typing import Final
 
 from simaps_viz.language.grammar import Chart, Edge
 from simaps_viz.language.orders import GRAMMAR
-from simaps_viz.language.tokenizer import Sentence, clauses, is_reason, is_statement, read_words
+from simaps_viz.language.tokenizer import PLACING, Sentence, clauses, is_reason, is_statement, read_words
 from simaps_viz.language.words import PHRASES, SYNONYMS, Noun, Vocabulary
 
 _SOFT: Final = frozenset([
@@ -96,8 +96,11 @@ class Clause:
     def is_topic(self) -> bool:
         """Whether it only names one thing, of which more is said after it."""
         sentence, kinds = self.sentence, _kinds(self.sentence)
-        placed = {"ON", "IN", "AT", "BY", "NEAR", "UNDER", "BEHIND", "BETWEEN", "FRONT", "WHERE"}
-        if not kinds or kinds[0] & (placed | {"IS"}) or any(here & _ORDERS and "IS" not in here for here in kinds):
+        if (
+            not kinds
+            or kinds[0] & (PLACING | {"WHERE", "IS"})
+            or any(here & _ORDERS and "IS" not in here for here in kinds)
+        ):
             return False
         if is_step(sentence) or _YOU.search(self.text):
             return False

@@ -10,7 +10,7 @@ has.
 
 import re
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -233,7 +233,7 @@ class Chart:
                 continue
             for end, captures, cost in self._match(rule.pattern, at, (), 0.0):
                 try:
-                    value = rule.make(**_arguments(captures))
+                    value = rule.make(**dict(captures))
                 except CommandError as error:
                     if str(error) and (self.refusal is None or end > self.refusal[0]):
                         self.refusal = (end, error)
@@ -287,10 +287,6 @@ def _captured(captures: Captures, key: str, several: bool, value: Any) -> Captur
         return (*captures, (key, value))
     before = next((old for name, old in captures if name == key), ())
     return (*(pair for pair in captures if pair[0] != key), (key, (*before, value)))
-
-
-def _arguments(captures: Captures) -> Mapping[str, Any]:
-    return dict(captures)
 
 
 def _fewer(states: list[tuple[int, Captures, float]]) -> list[tuple[int, Captures, float]]:

@@ -24,7 +24,7 @@ from simaps_viz.language.cells import (
     wall_cells,
 )
 from simaps_viz.language.words import ANY, KNOWN_THINGS, Vocabulary, plain, plural, singular
-from simaps_viz.structures import Instance, Pose2, SIMap
+from simaps_viz.structures import Instance, Pose2, Room, SIMap
 
 OPAQUE_HEIGHT_M: Final = 1.5
 """Cells at least this high cannot be looked over by a robot that drives there."""
@@ -297,13 +297,9 @@ class Grounding:
             raise CommandError(f"expected a thing, found the room {found.name}")
         return found
 
-    def object_of(self, other: Named) -> Instance:
-        """Return the one thing that a name or set means: the closest of a name, the first of a set."""
-        return other if isinstance(other, Instance) else self.pick(other, 1)
-
     def pair(self, other_a: Named, other_b: Named) -> tuple[Instance, Instance]:
         """Return two different instances for two names, sets or instances; equal names mean the two closest."""
-        a = self.object_of(other_a)
+        a = self.pick(other_a)
         if isinstance(other_b, Instance):
             b = other_b
         else:
@@ -370,6 +366,11 @@ def one_thing(thing: Any) -> Things:
         raise CommandError("expected a thing, found a position")
     noun = plain(thing.label) if isinstance(thing, Instance) else thing.name
     return Things((thing,), noun, plural(noun))
+
+
+def the_room(room: Room) -> str:
+    """Return "the kitchen", but "room 3"."""
+    return room.name if room.name[-1:].isdigit() else f"the {room.name}"
 
 
 def with_article(words: str) -> str:

@@ -74,7 +74,7 @@ def interpret(program: Program, call: Caller, *, budget: Budget | None = None) -
         yield turn
 
 
-class _Runner:
+class _Runner(ast.NodeVisitor):
     def __init__(self, call: Caller, budget: Budget) -> None:
         self._call_primitive = call
         self._budget = budget
@@ -118,38 +118,26 @@ class _Runner:
 
     def _value(self, node: ast.expr) -> Any:
         self._step(node)
-        evaluate = {
-            ast.Constant: self._constant,
-            ast.Name: self._name,
-            ast.Call: self._call,
-            ast.List: self._items,
-            ast.Tuple: self._items,
-            ast.Subscript: self._item,
-            ast.UnaryOp: self._unary,
-            ast.BoolOp: self._choose,
-            ast.BinOp: self._arithmetic,
-            ast.Compare: self._compare,
-        }.get(type(node))
-        if evaluate is None:
-            self._refuse(node, "not allowed in a program")
-        return evaluate(node)
+        return self.visit(node)
 
-    def _constant(self, node: ast.Constant) -> Any:
+    def visit_Constant(self, node: ast.Constant) -> Any:
         return node.value
 
-    def _name(self, node: ast.Name) -> Any:
+    def visit_Name(self, node: ast.Name) -> Any:
         return self._names[node.id]
 
-    def _items(self, node: ast.List | ast.Tuple) -> list:
+    def visit_List(self, node: ast.List | ast.Tuple) -> list:
         return [self._value(item) for item in node.elts]
 
-    def _unary(self, node: ast.UnaryOp) -> Any:
+    visit_Tuple = visit_List  # noqa: N815 - the name is that of ast
+
+    def visit_UnaryOp(self, node: ast.UnaryOp) -> Any:
         if isinstance(node.op, ast.Not):
             return not self._value(node.operand)
         number = self._number(node.operand)
         return -number if isinstance(node.op, ast.USub) else number
 
-    def _call(self, node: ast.Call) -> Any:
+    def visit_Call(self, node: ast.Call) -> Any:
         call = bind(node)
         primitive = call.primitive
         arguments = {}
@@ -188,7 +176,7 @@ class _Runner:
             self._refuse(node, f"expected a list, found {IN_WORDS[_kind(value)]}")
         return value
 
-    def _item(self, node: ast.Subscript) -> Any:
+    def visit_Subscript(self, node: ast.Subscript) -> Any:
         items, index = self._value(node.value), self._value(node.slice)
         if not _is_number(index) or index != int(index):
             self._refuse(node, f"an index is a whole number, found {IN_WORDS[_kind(index)]}")
@@ -214,7 +202,7 @@ class _Runner:
             self._refuse(node, f"arithmetic is for numbers, found {IN_WORDS[_kind(value)]}")
         return value
 
-    def _arithmetic(self, node: ast.BinOp) -> float:
+    def visit_BinOp(self, node: ast.BinOp) -> float:
         operation, left, right = _OPERATORS[type(node.op)], self._number(node.left), self._number(node.right)
         if operation is operator.truediv and right == 0:
             self._refuse(node, "division by zero")
@@ -223,7 +211,7 @@ class _Runner:
             self._refuse(node, "a number grew too large")
         return value
 
-    def _compare(self, node: ast.Compare) -> bool:
+    def visit_Compare(self, node: ast.Compare) -> bool:
         left = self._plain(node.left)
         for operation, other in zip(node.ops, node.comparators, strict=True):
             right = self._plain(other)
@@ -243,13 +231,17 @@ class _Runner:
             self._refuse(node, "sets, lists and positions cannot be compared")
         return value
 
-    def _choose(self, node: ast.BoolOp) -> Any:
+    def visit_BoolOp(self, node: ast.BoolOp) -> Any:
         value = None
         for part in node.values:
             value = self._value(part)
             if bool(value) != isinstance(node.op, ast.And):
                 break
         return value
+
+    def generic_visit(self, node: ast.AST) -> NoReturn:
+        """Refuse what has no method of its own."""
+        self._refuse(node, "not allowed in a program")
 
     def _step(self, node: ast.stmt | ast.expr) -> None:
         self._steps += 1

@@ -308,8 +308,7 @@ def _clear(parts: Parts, noun: Noun | None) -> Parts:
 def _of_one_thing(parts: Parts, noun: Noun | None) -> Parts:
     """Return the parts without the other name of "the footstool, the little ottoman"; raise where it names others."""
     for part in parts:
-        if part.kind == "alias" and (noun is None or noun.label != part.of or noun.spoken == part.text):
-            raise CommandError("")
+        no_reading_if(part.kind == "alias" and (noun is None or noun.label != part.of or noun.spoken == part.text))
     parts = tuple(_freed(part, noun.spoken if noun else "") for part in parts)
     if _number(parts, "count") and any(part.kind == "order" and part.number == 2 for part in parts):
         parts = tuple(part for part in parts if part.text != 'at({}, "wall")')  # so many along a wall: the outermost
@@ -321,8 +320,7 @@ def _of_one_thing(parts: Parts, noun: Noun | None) -> Parts:
 def _check_counted(parts: Parts, rank: int | None, count: int | None, *, several: bool, lone: bool) -> None:
     """Raise where it was said from where things are counted, and not which, or not from where they are."""
     kinds = {part.kind for part in parts}
-    if rank is None and count is None and "counted" in kinds:
-        raise CommandError("")  # "approach the bench from the left"
+    no_reading_if(rank is None and count is None and "counted" in kinds)  # "approach the bench from the left"
     no_reading_if(several and "single" in kinds)  # "the chairs at the desk, the one by the door": the desk is by it
     sided = any(part.kind == "order" and part.text in (*_SIDES, *CORNERS.values()) for part in parts)
     # "at the counter there are four stools: the last one in the row" is seen from where the robot is
@@ -524,7 +522,8 @@ def _filter(text: str, *phrases: Phrase, outer: bool = False, of: str = "", defi
     return (Part("filter", text, of, phrase=inner, outer=outer, definite=definite),)
 
 
-def _flat(parts: Iterable[Parts]) -> Parts:
+def flat(parts: Iterable[Parts]) -> Parts:
+    """Return the parts of several words or phrases in one tuple."""
     return tuple(part for group in parts for part in group)
 
 
@@ -772,27 +771,20 @@ def _at_end_or_flank(np: Phrase, end_of: str = "end", key: str = "") -> Parts:
     return _filter(text, np, of=np.argument, definite=text.replace(np.argument, np.definite))
 
 
-@_rule("relation", "THAT DISTANCE (TO | FROM) np IS key:SUPER", cost=-0.2)
-def _whose_distance(np: Phrase, key: str) -> Parts:
-    """Read "the chair whose distance to the door is smallest"."""
-    no_reading_if(key not in ("small", "short", "large", "long"))
-    return (Part("order", "near" if key in ("small", "short") else "far", np.measure, phrase=np),)
-
-
-@_rule("relation", "WITH DET? (key:SUPER | key:MORE | FEWEST) DISTANCE ((TO | FROM) (np | HERE))?", cost=-0.3)
-def _with_least_distance(key: str = "small", np: Phrase | None = None) -> Parts:
-    """Read "the lamp with the smallest distance to the door"."""
+@_rule(
+    "relation",
+    "THAT DISTANCE (TO | FROM) np IS key:SUPER | "
+    "WITH DET? (key:SUPER | key:MORE | FEWEST) DISTANCE ((TO | FROM) (np | HERE))?",
+    cost=-0.3,
+)
+def _at_least_distance(key: str = "small", np: Phrase | None = None) -> Parts:
+    """Read "the chair whose distance to the door is smallest", "the lamp with the smallest distance to the door"."""
     no_reading_if(key not in ("small", "short", "large", "long"))
     of = np.measure if np else ""
     return (Part("order", "near" if key in ("small", "short") else "far", of, phrase=np),)
 
 
 _rule("relation", "_at? ITS side (SIDE | END)?", cost=-0.1)(lambda side: _side_of(side, Phrase(IT, ONE, "thing")))
-
-
-@_rule("relation", "IN distance (OF | FROM) np")
-def _within(distance: Any, np: Phrase) -> Parts:
-    return _filter(f"near({{}}, {np.measure}, {distance.text})", np)
 
 
 @_rule("relation", "ON np", "IN within:np")
@@ -817,10 +809,8 @@ _rule("relation", "FACING np", cost=-0.1)(lambda np: _filter(f"facing({{}}, {np.
 _rule("relation", "OPPOSITE np", cost=-0.1)(lambda np: _filter(f"opposite({{}}, {np.measure})", np, of=np.measure))
 
 
-@_rule("relation", "key:PAIRED", cost=-0.3)
-def _paired(key: str) -> Parts:
-    """Read "the two chairs that are farthest apart"."""
-    return (Part("order", key), Part("count", number=2))
+# "the two chairs that are farthest apart"
+_rule("relation", "key:PAIRED", cost=-0.3)(lambda key: (Part("order", key), Part("count", number=2)))
 
 
 @_rule("relation", "BETWEEN pair")
@@ -881,28 +871,26 @@ def _inside(room: Phrase, more: Phrase | None = None) -> Parts:
     return _filter(f"inside({{}}, {room.text})", room)
 
 
-# "the chair at the table, the left one"
-_rule("post", "COMMA DET side SIDE? ONE", cost=0.1)(lambda side: (Part("order", side),))
+# "the chair at the table, the left one", "the chair at the head of the table, on the north side"
+_rule("post", "COMMA DET side SIDE? ONE", "COMMA (AT | ON) DET side (SIDE | END)", cost=0.1)(
+    lambda side: (Part("order", side),)
+)
 # "the suitcase on the sofa, the larger of the two"
 _rule("post", "COMMA? DET (adjective:size | key) ONE? (OF (DET | BOTH | EVERY)* (_number | IT)?)?", cost=0.1)(
     lambda adjective=(), key="": adjective or (Part("order", key),)
 )
-# "the chair at the head of the table, on the north side": of those the northernmost
-_rule("post", "COMMA (AT | ON) DET side (SIDE | END)", cost=0.1)(lambda side: (Part("order", side),))
 
 
-@_rule("post", "COMMA &(IN _room_too) relation", cost=0.1)
-@_rule("post", "COMMA &(BEHIND | FRONT | NEAR | BY | UNDER | BETWEEN) relation", cost=-0.25)
-def _added(relation: Parts) -> Parts:
-    """Read "the window on the wall, behind the bench"."""
-    return relation
+# "the window on the wall, behind the bench"
+_rule("post", "COMMA &(IN _room_too) relation", cost=0.1)(lambda relation: relation)
+_rule("post", "COMMA &(BEHIND | FRONT | NEAR | BY | UNDER | BETWEEN) relation", cost=-0.25)(lambda relation: relation)
 
 
 @_rule("post", "COMMA (IT IS)? DET adjective (one:ONE | !(NOUN | NOUNS | ONES | WORD)) post*", cost=0.1)
 def _the_red_one(adjective: Parts, post: Sequence[Parts] = (), one: float = 0) -> Parts:
     """Read "the box under the bench, the red one": a list where another colour was said before."""
     said = (replace(part, number=1, outer=part.text.startswith("colored(")) for part in adjective)
-    return (*said, *_flat(post), *((Part("single"),) if one else ()))
+    return (*said, *flat(post), *((Part("single"),) if one else ()))
 
 
 # "the chair, it is by the window", "the desk. It must not be red", "the desk, it has a plant on it"
@@ -923,11 +911,11 @@ _rule("post", "(COMMA | STOP)+ exist:EXIST np (ON | AT | UNDER | NEAR) IT", cost
 )
 # "the footstool, the little ottoman": one thing by two names
 _rule("post", "COMMA DET pre* name:NOUN !(COMMA? (AND | OR) | COMMA DET)", cost=0.1)(
-    lambda name, pre=(): (Part("alias", name.spoken, name.label), *_flat(pre))
+    lambda name, pre=(): (Part("alias", name.spoken, name.label), *flat(pre))
 )
 # "a chair, any chair"
 _rule("post", "COMMA said:INDEF pre* name:NOUN", cost=-0.2)(
-    lambda said, name, pre=(): no_reading() if said != "any" else (Part("alias", "", name.label), *_flat(pre))
+    lambda said, name, pre=(): no_reading() if said != "any" else (Part("alias", "", name.label), *flat(pre))
 )
 # "the smallest table, coffee tables included"
 _rule("relation", "COMMA? INCLUDING np", "COMMA np INCLUDED")(lambda np: _filter(f"union({{}}, {np.base})", np))
@@ -977,12 +965,19 @@ _rule(
 )(lambda side, spot, room=None: (*_spot(spot, room), Part("order", side, number=2)))
 
 
+@_rule("relation", "(MORETHAN | less:LESSTHAN) distance AWAY? (FROM (np | HERE))?", cost=-0.2)
+@_rule("relation", "less:IN distance (OF | FROM) np")
+def _farther_than(distance: Any, np: Phrase | None = None, less: str = "") -> Parts:
+    """Read "the chairs more than two metres from the table", "within two metres of the table"."""
+    near = f"near({{}}, {np.measure if np else quoted('robot')}, {distance.text})"
+    return _filter(near if less else f"minus({{}}, {near})", *([np] if np else []))
+
+
 @_rule("relation", "IS? DET? key:MORE THAN distance", cost=-0.2)
 def _more_than(key: str, distance: Any) -> Parts:
     """Read "taller than one metre", "farther away than two metres"."""
     if key in ("near", "far"):
-        near = f'near({{}}, "robot", {distance.text})'
-        return _filter(near if key == "near" else f"minus({{}}, {near})")
+        return _farther_than(distance, less="" if key == "far" else key)
     key = {"large": "long", "small": "short"}.get(key, key)
     return _filter(f'sized({{}}, "{key}", {distance.text})')
 
@@ -990,13 +985,6 @@ def _more_than(key: str, distance: Any) -> Parts:
 _rule("relation", "IS? DET? key:MORE THAN n:amount SQUAREMETRES", cost=-0.3)(
     lambda key, n: no_reading() if key not in ("large", "small") else _filter(f'sized({{}}, "{key}", {n:g})')
 )
-
-
-@_rule("relation", "(MORETHAN | less:LESSTHAN) distance AWAY? (FROM (np | HERE))?", cost=-0.2)
-def _farther_than(distance: Any, np: Phrase | None = None, less: str = "") -> Parts:
-    """Read "the chairs more than two metres from the table"."""
-    near = f"near({{}}, {np.measure if np else quoted('robot')}, {distance.text})"
-    return _filter(near if less else f"minus({{}}, {near})", *([np] if np else []))
 
 
 @_rule("relation", "(WITH | WHERE IS+) DET* (least:ATLEAST | more:MORETHAN)? n:whole np _on_it?", cost=-0.6)
@@ -1025,7 +1013,7 @@ _rule(
     "WHERE a:np AND b:np IS+",
     cost=-0.3,
 )(lambda a, b: _filter(f"having(having({{}}, {a.argument}), {b.argument})", a, b))
-_rule("relation", "WITH ITS pre* noun")(lambda noun, pre=(): _having(select(noun, _flat(pre))))
+_rule("relation", "WITH ITS pre* noun")(lambda noun, pre=(): _having(select(noun, flat(pre))))
 
 
 @_rule(
@@ -1069,9 +1057,9 @@ def _without(np: Phrase, more: Phrase | None = None) -> Parts:
     return tuple(p for one in (np, more) if one for p in _filter(f"without({{}}, {one.argument})", one))
 
 
-@_rule("relation", "(WITHOUT ANYTHING | WITH NOTHING) _on_it? | (WHERE | THAT)? NOTHING IS? (ON | AT | IN)?", cost=-0.3)
-def _bare() -> Parts:
-    return _filter("empty({})")
+_rule("relation", "(WITHOUT ANYTHING | WITH NOTHING) _on_it? | (WHERE | THAT)? NOTHING IS? (ON | AT | IN)?", cost=-0.3)(
+    lambda: _filter("empty({})")
+)
 
 
 @_rule("relation", "BUTNO np (COMMA? (NUMBER | OR | NOR) more:np)* _on_it?", cost=-0.1)
@@ -1112,13 +1100,15 @@ def _but_none(relation: Parts = (), adjective: Parts = ()) -> Parts:
 
 # "every chair, but only the red ones"
 _rule("post", "COMMA? (AND | BUT)? ONLY DET* (relation | adjective+ ONES? | (ONES | ONE) post+)", cost=-0.1)(
-    lambda relation=(), adjective=(), post=(): (*relation, *_flat((*adjective, *post)))
+    lambda relation=(), adjective=(), post=(): (*relation, *flat((*adjective, *post)))
 )
 _rule("post", "_is? NEITHER (a:adjective | a:relation) NOR (b:adjective | b:relation)")(
     lambda a, b: tuple(_negated(part) for part in (*a, *b))
 )
 
 
+@_rule("post", "(COMMA | BUT)* (GIVE | KEEP) targets ALONE", cost=-0.2)
+@_rule("post", "COMMA? WITHOUT &(DET ONE) targets", cost=-0.1)
 @_rule("post", "STOP EXCEPT TO? &(DET _described? ONE) targets", cost=0.2)
 @_rule(
     "post",
@@ -1127,18 +1117,19 @@ _rule("post", "_is? NEITHER (a:adjective | a:relation) NOR (b:adjective | b:rela
     cost=-0.05,
 )
 def _except(targets: tuple[Phrase, ...], said: str = "", relation: Sequence[Parts] = ()) -> Parts:
-    """Read "except the red ones", "not counting those on the shelves and on the desk", "apart from the kitchen"."""
+    """Read "except the red ones", "not counting those on desks", "apart from the kitchen", "without the one here"."""
     corrected = LAST in targets[-1].text  # "not the big one, the other one"
     rooms = any(phrase.is_room for phrase in targets)
-    if corrected or any(phrase.text == ONE for phrase in targets) or (rooms and said in ("", "but", *_NEGATIONS)):
-        raise CommandError("")
+    no_reading_if(
+        corrected or any(phrase.text == ONE for phrase in targets) or (rooms and said in ("", "but", *_NEGATIONS))
+    )
     text = "{}"
     for phrase in targets:  # "not one at the counter": none of them
         left_out = (
             f"inside({{}}, {phrase.text})" if phrase.is_room else (phrase.any and phrase.whole) or phrase.argument
         )
         text = f"minus({text}, {left_out})"
-    for part in _flat(relation):
+    for part in flat(relation):
         text = f"minus({text}, {_negated(part).text.removeprefix('minus({}, ').removesuffix(')')})"
     (part,) = _filter(text, *targets, outer=True)
     if said == "but" and len(targets) == 1 and targets[0].base == ONE and not targets[0].many:
@@ -1153,13 +1144,6 @@ _rule("post", "COMMA ONLY room", cost=-0.3)(_inside)
 
 
 _NEGATIONS: Final = ("not", "but not", "and not", "only not")
-
-
-@_rule("post", "(COMMA | BUT)* (GIVE | KEEP) np ALONE", cost=-0.2)
-@_rule("post", "COMMA? WITHOUT &(DET ONE) np", cost=-0.1)
-def _without_one(np: Phrase) -> Parts:
-    """Read "how many stools are there, without the one in the office?"."""
-    return _except((np,))
 
 
 @_rule("post", "COMMA? said:EXCEPT DET* room ONE !ORD", cost=-0.1)
@@ -1183,9 +1167,7 @@ def _numbered(n: float) -> Parts:
 # ---- nouns and whole phrases
 
 
-@_rule("noun", "name:NOUN", "name:NOUNS")
-def _noun(name: Noun) -> Noun:
-    return name
+_rule("noun", "name:NOUN", "name:NOUNS")(lambda name: name)
 
 
 @_rule("noun", "word:WORD+", cost=1.0)
@@ -1210,24 +1192,27 @@ def _named(word: Sequence[str]) -> str:
 _rule("noun", "ANYTHING", cost=0.1)(lambda: Noun("thing", "anything"))
 
 
-@_rule("thing", "_dets pre* noun numbered? post*")
-def _one(noun: Noun, pre: Sequence[Parts] = (), numbered: Parts = (), post: Sequence[Parts] = ()) -> Phrase:
-    return select(noun, (*_flat(pre), *numbered, *_flat(post)))
-
-
-# "the table big", as people with other first languages say
-_rule("thing", "_dets pre* noun (adjective | adjective:size) post*", cost=0.5)(
-    lambda noun, adjective, pre=(), post=(): select(noun, (*_flat(pre), *adjective, *_flat(post)))
-)
-_rule("thing", "EVERY (OF | DET)* pre* noun post*")(
-    lambda noun, pre=(), post=(): select(noun, (*_flat(pre), *_flat(post)), every=True)
-)
+@_rule("thing", "_dets pre* noun said:numbered? post*", "every:EVERY (OF | DET)* pre* noun post*")
+@_rule("thing", "_dets pre* noun (said:adjective | said:size) post*", cost=0.5)
+@_rule("thing", "_dets pre* room noun (&(COMMA? EXCEPT | WITH) post)*", cost=0.7)
+@_rule("thing", "_dets pre* noun room", cost=0.4)
+def _one(
+    noun: Noun,
+    pre: Sequence[Parts] = (),
+    said: Parts = (),
+    post: Sequence[Parts] = (),
+    every: str = "",
+    room: Phrase | None = None,
+) -> Phrase:
+    """Read "the red chair at the table", "chair 18", "the table big", "windows living room", "the café counter"."""
+    said = _inside(room) if room else said
+    return select(noun, (*flat(pre), *said, *flat(post)), every=bool(every))
 
 
 @_rule("thing", "BOTH (OF | DET)* pre* noun post*")
 def _both(noun: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
     no_reading_if(noun.known and not noun.is_plural)  # "both the sofa and the lamp"
-    return select(noun, (Part("count", number=2), *_flat(pre), *_flat(post)), every=True)
+    return select(noun, (Part("count", number=2), *flat(pre), *flat(post)), every=True)
 
 
 _CLOSEST_BESIDE: Final = re.compile(r"^nearest\((near\(.*, (?:the\(things\()?(.+?)(?:\)\))?\)), 1, \2\)$")
@@ -1237,35 +1222,35 @@ _CLOSEST_BESIDE: Final = re.compile(r"^nearest\((near\(.*, (?:the\(things\()?(.+
 def _part_of(noun: Noun, outer: Sequence[Parts], pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
     """Read "the second of the chairs in view", "two of the red chairs", "the left one of the two"."""
     no_reading_if(not noun.is_plural)
-    inner = tuple(part for part in _flat(pre) if part.kind != "count")
-    parts = (*_flat(outer), *inner, *_flat(post))
+    inner = tuple(part for part in flat(pre) if part.kind != "count")
+    parts = (*flat(outer), *inner, *flat(post))
     several = any(part.kind == "count" and part.number > 1 for part in parts)
     phrase = select(replace(noun, is_plural=several), parts, some=not several)
     # "on one of the tables", "... by the bed": on any of them
-    any_ = not several and all(part.kind == "count" for part in _flat(outer))
+    any_ = not several and all(part.kind == "count" for part in flat(outer))
     return replace(phrase, any=any_, text=_CLOSEST_BESIDE.sub(r"\1", phrase.text) if any_ else phrase.text)
 
 
 @_rule("thing", "THAT ONE? &(WITH | WHERE | THAT | ON | IN | NEAR | BY | UNDER) post+", cost=0.5)
 @_rule("thing", "_dets pre* ONE (OF IT)? post*", "_dets pre* ones:ONES post*", cost=0.3)
 def _same_name(pre: Sequence[Parts] = (), post: Sequence[Parts] = (), ones: str = "") -> Phrase:
-    no_reading_if(any(part.kind == "other" and part.number for part in _flat(post)))  # "not the big one, the other one"
-    return replace(select(None, (*_flat(pre), *_flat(post)), every=bool(ones)), among=True)
+    no_reading_if(any(part.kind == "other" and part.number for part in flat(post)))  # "not the big one, the other one"
+    return replace(select(None, (*flat(pre), *flat(post)), every=bool(ones)), among=True)
 
 
 @_rule("thing", "_dets outer:pre+ ONE? OF (IT | DET _number | DET+ pre+ ONES) !(NOUN | NOUNS | COLOR | SIZE)", cost=0.1)
 def _chosen_of_them(outer: Sequence[Parts], pre: Sequence[Parts] = ()) -> Phrase:
     """Read "the larger of the two", "the nearest of the red ones"."""
-    no_reading_if(not any(part.kind == "order" for part in _flat(outer)))
+    no_reading_if(not any(part.kind == "order" for part in flat(outer)))
     return _same_name((*outer, *pre))
 
 
 # "a chair, not one at the counter"
 _rule("np", "ONE &(ON | IN | AT | BY | NEAR | UNDER | WITH) post+", cost=0.2)(
-    lambda post: replace(select(None, _flat(post)), among=True, any=True, penalty=0.0)
+    lambda post: replace(select(None, flat(post)), among=True, any=True, penalty=0.0)
 )
 # "both bins, the kitchen one last"
-_rule("thing", "_dets room ONE post*", cost=0.2)(lambda room, post=(): select(None, (*_inside(room), *_flat(post))))
+_rule("thing", "_dets room ONE post*", cost=0.2)(lambda room, post=(): select(None, (*_inside(room), *flat(post))))
 
 
 @_rule("thing", "_dets ONE _at DET* (side SIDE? | MIDDLE)", cost=-0.1)
@@ -1277,10 +1262,10 @@ def _of_them_on(side: str = "middle") -> Phrase:
 
 @_rule("thing", "(DET+ | &ORD | &_room_too) pre+ !OF post*", cost=0.9)
 def _elided(pre: Sequence[Parts], post: Sequence[Parts] = ()) -> Phrase:
-    no_reading_if(any(part.kind == "vague" for part in _flat(pre)))
-    if not post and all(part.kind == "order" and part.text in _SIDES[2:6] for part in _flat(pre)):  # "in the south"
-        raise CommandError("")
-    return select(None, (*_flat(pre), *_flat(post)))
+    no_reading_if(any(part.kind == "vague" for part in flat(pre)))
+    # "in the south"
+    no_reading_if(not post and all(part.kind == "order" and part.text in _SIDES[2:6] for part in flat(pre)))
+    return select(None, (*flat(pre), *flat(post)))
 
 
 # "the westernmost, then the easternmost"
@@ -1291,12 +1276,12 @@ _rule("thing", "DET+ side:MOST !OF", cost=0.9)(lambda side: select(None, [Part("
 def _compound(of: Noun, noun: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
     """Read "the desk chair", "the desk's chair": the chair nearest the desk; "the bar counter" is one thing."""
     if of.label == noun.label:
-        return select(noun, (*_flat(pre), *_flat(post)))
+        return select(noun, (*flat(pre), *flat(post)))
     note = f'"{of.spoken} {noun.spoken}" is read as the {noun.spoken} nearest the {of.spoken}'
     place = select(of, ())
-    ordered = any(part.kind == "order" for part in _flat(post))  # "the book table closer to the counter"
+    ordered = any(part.kind == "order" for part in flat(post))  # "the book table closer to the counter"
     beside = Part("near" if ordered else "order", place.argument if ordered else "near", phrase=place, note=note)
-    return select(noun, (*_flat(pre), beside if ordered else replace(beside, of=place.measure), *_flat(post)))
+    return select(noun, (*flat(pre), beside if ordered else replace(beside, of=place.measure), *flat(post)))
 
 
 @_rule("thing", "_dets pre* noun (_is? ONLY | WITH ROOM)? FOR (n:whole | np) post*", cost=-0.2)
@@ -1308,12 +1293,12 @@ def _for_so_many(
     number = int(people[1]) if people else n
     no_reading_if(not number or noun.spoken.split()[-1] not in ("table", "desk"))
     seats = Phrase('things("seat")', 'things("seat")', "seat", True)
-    return select(noun, (*_flat(pre), *_having_some(number, seats), *_flat(post)))
+    return select(noun, (*flat(pre), *_having_some(number, seats), *flat(post)))
 
 
 # "the sofa and its table"
 _rule("thing", "ITS pre* noun post*")(
-    lambda noun, pre=(), post=(): select(noun, (*_flat(pre), Part("near", IT), *_flat(post)))
+    lambda noun, pre=(), post=(): select(noun, (*flat(pre), Part("near", IT), *flat(post)))
 )
 
 
@@ -1326,15 +1311,8 @@ def _that(noun: Noun) -> Phrase:
 
 # "that huge teddy"; not "which couch is larger"
 _rule("thing", "that:THAT pre+ noun post*", "that:THAT noun post+", cost=0.2)(
-    lambda that, noun, pre=(), post=(): no_reading() if that != "that" else _one(noun, pre, (), post)
+    lambda that, noun, pre=(), post=(): no_reading() if that != "that" else _one(noun, pre, post=post)
 )
-
-
-@_rule("thing", "_dets pre* room noun (&(COMMA? EXCEPT | WITH) post)*", cost=0.7)
-@_rule("thing", "_dets pre* noun room", cost=0.4)
-def _of_room(noun: Noun, room: Phrase, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
-    """Read "windows living room", "the café counter"."""
-    return select(noun, (*_flat(pre), *_inside(room), *_flat(post)))
 
 
 @_rule(
@@ -1371,7 +1349,7 @@ def _any_such(noun: Noun, pre: Sequence[Parts], post: Sequence[Parts] = ()) -> P
     """Read "a small table": any of the smaller ones, not the smallest."""
     parts = [
         Part("filter", f'sized({{}}, "{part.text}")') if part.kind == "order" and part.number == 1 else part
-        for part in (*_flat(pre), *_flat(post))
+        for part in (*flat(pre), *flat(post))
     ]
     return replace(select(noun, parts), any=True, penalty=0.0)
 
@@ -1432,8 +1410,8 @@ _rule("joint", "COMMA? AND (COMMA | AND)*")(lambda: True)
 @_rule("targets", "BOTH? one:np (joint TO? FOR? AT? np)+")
 def _several(one: Phrase, np: tuple[Phrase, ...], joint: tuple[bool, ...]) -> tuple[Phrase, ...]:
     phrases = lent((one, *np))
-    if joint == (False,) and phrases[1].text.startswith(("nth(", "first(", "nearest(", "farthest(")):
-        raise CommandError("")  # "the chairs at the table, the left one" may be one thing
+    # "the chairs at the table, the left one" may be one thing
+    no_reading_if(joint == (False,) and phrases[1].text.startswith(("nth(", "first(", "nearest(", "farthest(")))
     room = IN_ROOM.fullmatch(phrases[-1].text)
     if room and all(phrase.many and ALL.fullmatch(phrase.text) for phrase in phrases[:-1]):
         # "each chair and each table in the living room": all of them are in it
@@ -1458,8 +1436,7 @@ def lent(phrases: Sequence[Phrase]) -> tuple[Phrase, ...]:
 @_rule("room", "name:ROOMKIND n:ONE", cost=0.5)  # but not "the bedroom one"
 def _named_room(name: str, n: float | None = None) -> Phrase:
     """Read "the kitchen", "office 2"."""
-    if n is not None and n != int(n):
-        raise CommandError("")
+    no_reading_if(n is not None and n != int(n))
     called = quoted(name if n is None else f"{name} {int(n)}")
     return Phrase(f"room({called})", f"rooms({called})", name, whole=f"rooms({called})")
 
@@ -1507,25 +1484,22 @@ GRAMMAR.words(
 @_rule("room", "_dets pre+ name:room_name (&_told_by post)*", "_dets name:room_name (&_told_by post)+", cost=-0.1)
 def _room_told(name: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
     """Read "the second largest room", "the bedroom with the desk", "the room next to the kitchen"."""
-    parts = (*_flat(pre), *_flat(post))
+    parts = (*flat(pre), *flat(post))
     if name.base == "rooms()" and any(part.kind == "order" and part.text in ("near", "far") for part in parts):
         name = replace(name, base='rooms("other")')  # the nearest one is not the one that the robot is in
     return select(name, parts)
 
 
-_rule("room", "ONE OF DET* _number? name:ROOMKIND", cost=-0.3)(
-    lambda name: Phrase(f"rooms({quoted(name)})", f"rooms({quoted(name)})", name)
-)
-# "the whole office": each room of that name
-_rule("room", "_dets FULL name:ROOMKIND", cost=-0.2)(
-    lambda name: Phrase(f"rooms({quoted(name)})", f"rooms({quoted(name)})", name)
-)
+@_rule("room", "ONE OF DET* _number? name:ROOMKIND | _dets FULL name:ROOMKIND", cost=-0.3)
+@_rule("room", "every:EVERY (OF | DET)* name:ROOMKIND | every:BOTH (OF | DET)* name:ROOMKIND", cost=0.1)
+def _rooms_called(name: str, every: str = "") -> Phrase:
+    """Read "one of the offices", "the whole office", "every office"."""
+    return Phrase(f"rooms({quoted(name)})", f"rooms({quoted(name)})", name, bool(every))
+
+
 # "in the other two rooms": that many others are there
 _rule("room", "_dets OTHER whole ROOMS", cost=-0.3)(
     lambda whole: Phrase(f'nearest(rooms("other"), {whole})', "rooms()", "room", True)
-)
-_rule("room", "(EVERY | BOTH) (OF | DET)* name:ROOMKIND", cost=0.1)(
-    lambda name: Phrase(f"rooms({quoted(name)})", f"rooms({quoted(name)})", name, True)
 )
 
 

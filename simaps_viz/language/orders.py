@@ -23,6 +23,7 @@ from simaps_viz.language.nouns import (
     Part,
     Parts,
     Phrase,
+    flat,
     lent,
     quoted,
     refine,
@@ -83,6 +84,11 @@ class Choose:
 
 Step = Do | Repeat | Choose
 Steps = tuple[Step, ...]
+
+
+def _act(step: Step) -> Do:
+    """Return a step that is lines of a program; a loop or a choice is no reading."""
+    return step if isinstance(step, Do) else no_reading()
 
 
 @dataclass(frozen=True)
@@ -202,8 +208,9 @@ _rule("question", "place:PLACE &ASKED", cost=-0.05)(lambda place: _told(select(p
 @_rule("order", "verb:GO DET? noun", cost=0.3)
 def _go_tersely(verb: str, noun: Noun) -> Steps:
     """Read "go sink", but not "move chair"."""
-    if verb.split(maxsplit=1)[0] in ("move", "shift", "run", "get", "steer", "roll", "swing") or not noun.known:
-        raise CommandError("")
+    no_reading_if(
+        verb.split(maxsplit=1)[0] in ("move", "shift", "run", "get", "steer", "roll", "swing") or not noun.known
+    )
     return _go_to((select(noun, ()),))
 
 
@@ -246,7 +253,7 @@ _rule("order", "_go _dets spot:SPOT WITH np", cost=-0.1)(
 )
 # "go somewhere to sit", "... something I can read, but not in the bedroom"
 _rule("order", "(_goer | APPROACH WHERE?)? place:PLACE (&(COMMA | BUT | EXCEPT) post)*")(
-    lambda place, post=(): _go_to((select(place, [part for parts in post for part in parts]),))
+    lambda place, post=(): _go_to((select(place, flat(post)),))
 )
 
 
@@ -260,7 +267,7 @@ def _go_at(
     relation: Parts, noun: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = (), every: str | None = None
 ) -> Steps:
     """Read "on the east side of the table, go to the second chair from the south": one that is there."""
-    parts = [*relation, *(part for parts in (*pre, *post) for part in parts)]
+    parts = [*relation, *flat((*pre, *post))]
     return _go_to((select(noun, parts, every=every is not None),))
 
 
@@ -293,7 +300,11 @@ def _go_room(room: Phrase) -> Steps:
 
 
 # "how many laptops are there, all rooms?", which moves nothing
-_rule("order", "room !ASKED")(lambda room: _go_room(room) if room.text == "room()" else _each("", [room], ""))
+# "toilet, then the sofa": a thing, where the map has one
+_rule("_there_is", "name:NOUN")(lambda name: no_reading_if(not name.known))
+_rule("order", "!(_there_is !ROOM) room !ASKED")(
+    lambda room: _go_room(room) if room.text == "room()" else _each("", [room], "")
+)
 
 
 @_rule("order", "LEAVE (room | HERE)? !ATLEAST")
@@ -323,7 +334,9 @@ def _go_spot_near(spot: str, np: Phrase, room: Phrase | None = None) -> Steps:
 
 
 @_rule("order", "_go? _dets side (SIDE | END | spot:SPOT) (OF | IN) (room | DET* MAP)", cost=-0.1)
-def _go_end_of_room(side: str, room: Phrase | None = None, spot: str = "wall") -> Steps:
+@_rule("order", "_go? _dets FAREND (OF | IN) room", cost=-0.2)
+@_rule("order", "_goer THROUGHOUT room", cost=0.2)
+def _go_end_of_room(side: str = "end", room: Phrase | None = None, spot: str = "wall") -> Steps:
     no_reading_if(spot in ("window", "door"))
     return (Do((f'robot.move_to(spot({{0.text}}, "{side}"))',), (room or Phrase("room()", "", "room"),)),)
 
@@ -332,12 +345,6 @@ def _go_end_of_room(side: str, room: Phrase | None = None, spot: str = "wall") -
 _rule("order", "_go? end_of np", cost=-0.3)(
     lambda end_of, np: no_reading() if np.is_room else _each(f'robot.move_to(spot({{0.argument}}, "{end_of}"))', (np,))
 )
-
-
-@_rule("order", "_go? _dets FAREND (OF | IN) room", cost=-0.2)
-@_rule("order", "_goer THROUGHOUT room", cost=0.2)
-def _go_far_end(room: Phrase) -> Steps:
-    return (Do(('robot.move_to(spot({0.text}, "end"))',), (room,)),)
 
 
 # "go down the corridor to the coat rack"
@@ -352,24 +359,17 @@ _rule("order", "_go? DET? BETWEEN np", "_goer UNDER np", cost=0.2)(
 )
 
 
-@_rule("beside", "DET? side (SIDE | END)? (OF | FROM)", "DET* SIDE (OF | FROM)")
-def _beside(side: str = "") -> str:
-    return side or "beside"
+_rule("beside", "DET? side (SIDE | END)? (OF | FROM)", "DET* SIDE (OF | FROM)")(lambda side="beside": side)
 
 
-@_rule("order", "_go? _place? beside targets", cost=-0.2)
+@_rule("order", "_go? _place? beside targets", "_go? targets POSS beside:side SIDE?", cost=-0.2)
+@_rule("order", "(_go | APPROACH) targets FROM DET? beside:side (SIDE | END)?", cost=0.7)
 def _go_beside(beside: str, targets: tuple[Phrase, ...]) -> Steps:
-    if beside == "beside" and (targets[0].many or targets[0].is_room):  # "half of the chairs", "half of room"
-        raise CommandError("")
+    # "half of the chairs", "half of room"
+    no_reading_if(beside == "beside" and (targets[0].many or targets[0].is_room))
     if beside in ("left", "right", *_COMPASS):
         return _each(f"robot.move_{'to_' if beside in ('left', 'right') else ''}{beside}({{0}})", targets)
     return _each(f'robot.move_to(spot({{0.argument}}, "{beside}"))', targets)
-
-
-@_rule("order", "(_go | APPROACH) np FROM DET? side (SIDE | END)?", cost=0.7)
-@_rule("order", "_go? np POSS side SIDE?", cost=-0.2)
-def _go_possessed(np: Phrase, side: str) -> Steps:
-    return _go_beside(side, (np,))
 
 
 _rule("order", "_go? FRONT targets", cost=-0.2)(
@@ -421,9 +421,8 @@ _rule("order", "short")(lambda short: _go_off(short, Phrase(IT, ONE, "thing"), b
 @_rule("done", "order _mid* short", cost=-0.5)
 def _go_short(order: Steps, short: Measure) -> Steps:
     """Read "go to the fridge, but no closer than 1 m": no nearer on the way either."""
-    last = order[-1]
-    if not isinstance(last, Do) or last.lines != _go_to((EVERYTHING,))[0].lines or last.phrases[0].many:
-        raise CommandError("")
+    last = _act(order[-1])
+    no_reading_if(last.lines != _go_to((EVERYTHING,))[0].lines or last.phrases[0].many)
     return (*order[:-1], *_go_off(short, last.phrases[0], back="", off="away"))
 
 
@@ -472,8 +471,8 @@ _rule("round", "way")(lambda way: -1.0 if way == "left" else 1.0)
 def _circle(
     targets: tuple[Phrase, ...], times: int = 1, n: Any = 1, half: Any = (), round: float = 1.0, lap: str = ""
 ) -> Steps:
-    if lap.endswith(("tour", " of")) and any(phrase.many for phrase in targets):  # of all plants: each is visited
-        raise CommandError("")
+    # of all plants: each is visited
+    no_reading_if(lap.endswith(("tour", " of")) and any(phrase.many for phrase in targets))
     number = max(times, *n) if isinstance(n, tuple) else max(times, n)
     if targets[0].is_room:  # "go round all the rooms"
         return _go_to(targets)
@@ -623,8 +622,7 @@ _rule("order", "(_looking | _turning (way? AROUND? UNTIL HERE? IS?)? _prep* _loo
     "(_looking _course? angle | FINAL? _course angle | _turning TO (_course | DET)? angle _course?) (COMMA? compass)?",
 )
 def _face_heading(angle: Measure, compass: float | None = None) -> Steps:
-    if compass is not None and float(angle.text) % 360.0 != compass:
-        raise CommandError("")
+    no_reading_if(compass is not None and float(angle.text) % 360.0 != compass)
     return (Do((f"robot.turn_absolute({angle.text})",)),)
 
 
@@ -764,22 +762,17 @@ _rule(
 )
 
 
-@_rule(
-    "order",
-    "GO way | (_step | MAKE)? (BY | FOR)? distance way",
-    cost=-0.2,
-)
-def _sideways(way: str, distance: Measure = _ONE_METRE) -> Steps:
-    no_reading_if(not distance.has_unit and float(distance.text) > _MAX_BARE_M)  # "ninety to the right"
+@_rule("order", "GO way | (_step | MAKE)? (BY | FOR)? distance way", cost=-0.2)
+@_rule("order", "strafe:STRAFE distance? way")
+def _sideways(way: str, distance: Measure = _ONE_METRE, strafe: str = "") -> Steps:
+    """Read "two metres to the left", after which the robot looks there, and "strafe left", after which it does not."""
+    no_reading_if(not strafe and not distance.has_unit and float(distance.text) > _MAX_BARE_M)  # "ninety to the right"
     angle = 90 if way == "right" else -90
-    return (Do((f"robot.turn({angle})", f"robot.move_forward({distance.text})"), (), distance.note),)
-
-
-@_rule("order", "STRAFE distance? way")
-def _strafe(way: str, distance: Measure = _ONE_METRE) -> Steps:
-    angle = 90 if way == "right" else -90
+    lines = (f"robot.turn({angle})", f"robot.move_forward({distance.text})")
+    if not strafe:
+        return (Do(lines, (), distance.note),)
     note = ("the robot cannot drive sideways: it turns, drives, and turns back", *distance.note)
-    return (Do((f"robot.turn({angle})", f"robot.move_forward({distance.text})", f"robot.turn({-angle})"), (), note),)
+    return (Do((*lines, f"robot.turn({-angle})"), (), note),)
 
 
 # ---- questions
@@ -819,16 +812,15 @@ _rule(
     "question",
     "EXIST? _count STOP? DET* np (IS | EXIST | DOES)* post* (HERE | SEE)? | _count np (DOES | IS | WITH)* "
     "DET* (MAP | HERE) (WITH | SEE)?",
-)(lambda np, post=(): _told(refine(np, [part for parts in post for part in parts]), "count"))
+)(lambda np, post=(): _told(refine(np, flat(post)), "count"))
 
 
 @_rule("question", "&EXCEPT besides:post (COMMA | STOP)? question", cost=0.2)
 @_rule("question", "!(WHERE | WITH | THAT) relation COMMA? question", cost=0.4)
 def _asked_there(question: Steps, relation: Parts = (), besides: Parts = ()) -> Steps:
     """Read "in the kitchen how many windows are there?", "apart from the kitchen, how many windows are there?"."""
-    step = question[0]
-    if len(question) > 1 or not isinstance(step, Do) or not step.phrases or not (first := step.phrases[0]).base:
-        raise CommandError("")
+    step = _act(question[0])
+    no_reading_if(len(question) > 1 or not step.phrases or not (first := step.phrases[0]).base)
     compared = "count(" in step.lines[0] or (not besides and "minus(" in first.text)  # "more cups than bottles"
     no_reading_if(first.is_room or first.base in (ONE, SAME) or compared)
     chosen = first.text.startswith(("first(", "nth(", "nearest(", "farthest(", "last("))  # the nearest of those there
@@ -840,7 +832,7 @@ def _asked_there(question: Steps, relation: Parts = (), besides: Parts = ()) -> 
 @_rule("question", "HOWMANY (OF? IT | IS | EXIST)* ONES? post*", cost=0.3)
 def _how_many_more(post: Sequence[Parts] = ()) -> Steps:
     """Read "... and how many in the kitchen?", "how many of them?" after "how many lamps are in the bedroom"."""
-    parts = [part for parts in post for part in parts]
+    parts = flat(post)
     return _told(select(None, parts, every=True) if parts else Phrase(IT, ONE, "thing"), "count")
 
 
@@ -896,20 +888,12 @@ def _are_there(n: int, np: Phrase = _OF_THAT_NAME, exist: str = "is", **_: str) 
     return (Do((f'tell({test}, "whether")',), phrases),)
 
 
-@_rule(
-    "question",
-    "EXIST counted:COUNTED a:np THAN (b:np | relation)",
-    "HOWMANY how:COUNTED a:np THAN (b:np | relation) (IS | EXIST)*",
-    cost=-0.3,
-)
-def _are_there_more(
-    a: Phrase, b: Phrase | None = None, relation: Parts = (), counted: str = "", how: str = ""
-) -> Steps:
-    test, phrases = _counts(counted or how, a, b, relation)
-    if how:
-        swap = phrases if how == "more" else phrases[::-1]
-        return (Do(('tell(count({0.text}) - count({1.text}), "count")',), swap),)
-    return (Do((f'tell({test}, "whether")',), phrases),)
+@_rule("question", "HOWMANY counted:COUNTED a:np THAN (b:np | relation) (IS | EXIST)*", cost=-0.3)
+def _how_many_more_than(counted: str, a: Phrase, b: Phrase | None = None, relation: Parts = ()) -> Steps:
+    """Read "how many more chairs than tables are there?"."""
+    phrases = _counts(counted, a, b, relation)[1]
+    swap = phrases if counted == "more" else phrases[::-1]
+    return (Do(('tell(count({0.text}) - count({1.text}), "count")',), swap),)
 
 
 _rule(
@@ -966,8 +950,8 @@ _rule("question", "WHEREAMI HERE? IN? HERE?", "WHERE IS? HERE IS?", "IN? WHICH R
 @_rule("question", "EXIST np (ANYWHERE | HERE)* _in_map? &ASKED", "IS np HERE", "DOES DET* MAP WITH np")
 @_rule("question", "exist:EXIST np (ANYWHERE | HERE)* _in_map?")
 def _is_there(np: Phrase, exist: str = "is") -> Steps:
-    if exist.split(maxsplit=1)[0] not in _ASKS or "count" in exist:  # "there is a chair on your left" asks nothing
-        raise CommandError("")
+    # "there is a chair on your left" asks nothing
+    no_reading_if(exist.split(maxsplit=1)[0] not in _ASKS or "count" in exist)
     return _told(np, "whether")
 
 
@@ -1026,24 +1010,6 @@ _rule(
 
 @_rule(
     "question",
-    "IS a:np (compared | NEAR) (TO | HERE)* b:np OR NEAR? TO? c:np | (WHICH | WHAT) (IS | ONE)+ compared (TO | FROM)? "
-    "a:np (COMMA | STOP)? b:np "
-    "COMMA? OR c:np | IS IT? b:np OR c:np (THAT | IS)* DET? (compared | NEAR) (TO | FROM)? a:np | (WHICH | WHAT) ONE? "
-    "(OF | DET | BETWEEN | AMONG)* b:np (AND | OR) c:np (COMMA | THAT | IS)+ DET? (compared | NEAR) (TO | "
-    "FROM)? a:np | "
-    "b:np (AND | OR) c:np COMMA (WHICH | WHAT) (IS | ONE | IT | OF)* DET? (compared | NEAR) (TO | FROM)? a:np",
-    cost=-0.6,
-)
-def _nearer_of_two(a: Phrase, b: Phrase, c: Phrase, compared: str = "near") -> Steps:
-    """Read "is the fridge closer to the stove or to the sofa?"."""
-    name = {"near": "nearest", "far": "farthest"}.get(compared)
-    if name is None:
-        raise CommandError("")
-    return _told(_changed(a, f"{name}({united((b, c)).text}, 1, {a.measure})"), "which")
-
-
-@_rule(
-    "question",
     "(ON | IN | AT | NEAR | BY) WHICH (OF DET*)? noun (IS | EXIST | DOES | APPROACH | HERE)+ np IS?",
     "WHICH (OF DET*)? noun (IS | EXIST | DOES)+ np IS? (ON | IN | AT | NEAR | BY)",
     cost=-0.2,
@@ -1053,12 +1019,6 @@ def _on_which(noun: Noun, np: Phrase) -> Steps:
     things = select(replace(noun, is_plural=True), ())
     text = f"having({things.text}, {np.argument})"
     return _told(_changed(things, text, things.notes + np.notes, many=False), "list")
-
-
-# "are you closer to the sink or to the table?"
-_rule("question", "IS (HERE | IT)? (compared TO? | NEAR) b:np OR (TO | NEAR)? c:np", cost=-0.6)(
-    lambda b, c, compared="near": _which_of_two(compared, b, c)
-)
 
 
 @_rule("question", "IS np (ON | AT | IN | NEAR | UNDER) a:np OR (ON | AT | IN | NEAR | UNDER)? b:np", cost=-0.5)
@@ -1081,12 +1041,15 @@ def _on_which_side_of(np: Phrase, b: Phrase, side: str) -> Steps:
     )
 
 
-@_rule("question", "IS (EVERY | BOTH) (OF | DET)* pre* noun NOT? (relation | adjective)", cost=-0.2)
-def _are_all(noun: Noun, pre: Sequence[Parts] = (), relation: Parts = (), adjective: Parts = ()) -> Steps:
-    """Read "are all the chairs in the kitchen?": no other one is."""
-    every = select(noun, [part for parts in pre for part in parts], every=True)
-    other = _changed(every, f"minus({every.text}, {refine(every, (*relation, *adjective)).text})")
-    return (Do(('tell(count({0.text}) == 0, "whether")',), (replace(other, many=False),)),)
+@_rule("question", "(IS | EXIST) of:np (ON | AT | BY | NEAR | IN) EVERY (OF | DET)* pre* noun", cost=-0.6)
+@_rule("question", "DOES (EVERY | BOTH) (OF | DET)* pre* noun WITH of:np _on_it?", cost=-0.2)
+@_rule("question", "IS (EVERY | BOTH) (OF | DET)* pre* noun NOT? (said:relation | said:adjective)", cost=-0.2)
+def _are_all(noun: Noun, pre: Sequence[Parts] = (), said: Parts = (), of: Phrase | None = None) -> Steps:
+    """Read "are all the chairs in the kitchen?", "do all the desks have a lamp?": no other one is, none is without."""
+    every = select(noun, flat(pre), every=True)
+    fitting = f"having({every.text}, {of.argument})" if of else refine(every, said).text
+    other = _changed(every, f"minus({every.text}, {fitting})", every.notes + (of.notes if of else ()), many=False)
+    return (Do(('tell(count({0.text}) == 0, "whether")',), (other,)),)
 
 
 @_rule(
@@ -1139,6 +1102,7 @@ _rule("question", "_whether question")(lambda question: question)
 
 
 @_rule("question", "(IS | DOES) condition:in_one_room", "DOES condition:room_has_more", cost=-0.6)
+@_rule("question", "condition:counts", cost=-0.3)
 @_rule("question", "_whether condition", cost=0.1)
 def _does_it_hold(condition: Condition) -> Steps:
     """Read "check whether the suitcase is under a table", "tell me if there are more chairs than stools"."""
@@ -1156,15 +1120,6 @@ def _does_it_hold(condition: Condition) -> Steps:
 def _is_it(np: Phrase, relation: Parts = (), adjective: Parts = ()) -> Steps:
     no_reading_if(not relation and not adjective)  # "are the stools in a row?"
     return _told(refine(np, (*relation, *adjective)), "whether")
-
-
-@_rule("question", "DOES (EVERY | BOTH) (OF | DET)* pre* noun WITH of:np _on_it?", cost=-0.2)
-@_rule("question", "(IS | EXIST) of:np (ON | AT | BY | NEAR | IN) EVERY (OF | DET)* pre* noun", cost=-0.6)
-def _do_all(noun: Noun, of: Phrase, pre: Sequence[Parts] = ()) -> Steps:
-    """Read "do all the desks have a lamp?": none is without."""
-    every = select(noun, [part for parts in pre for part in parts], every=True)
-    other = _changed(every, f"minus({every.text}, having({every.text}, {of.argument}))", every.notes + of.notes)
-    return (Do(('tell(count({0.text}) == 0, "whether")',), (replace(other, many=False),)),)
 
 
 # "is in the kitchen a fridge?"
@@ -1208,7 +1163,7 @@ def _which_of_two_named(noun: Noun, compared: str, a: Phrase, b: Phrase) -> Step
     """Read "which table is larger, the one here or the one over there?"."""
     named = select(noun, ())
     a, b = (lent((one, named))[0] for one in (a, b))
-    return _which_of_two(compared, a, b)
+    return _which_of_two(a, b, compared)
 
 
 @_rule("question", "(WHICH | WHAT) (IS | OF | ONE)* DET? compared ONE? (TO? HERE)? (COMMA | STOP)+ np", cost=-0.7)
@@ -1218,6 +1173,11 @@ def _which_of_several(compared: str, np: Phrase) -> Steps:
     return _told(_changed(np, f'first(order({np.text}, "{compared}"))', many=False), "which")
 
 
+# "larger", "closer to the stove"
+_rule("by", "compared ONE?")(lambda compared: (compared, None))
+_rule("by", "(compared | NEAR) (TO | FROM)? of:np")(lambda of, compared="near": (compared, of))
+
+
 @_rule(
     "question",
     "(WHICH | WHAT) (ROOM IS DET? compared ONE? | IS DET? compared ROOM) COMMA? a:room COMMA? OR b:room",
@@ -1225,19 +1185,24 @@ def _which_of_several(compared: str, np: Phrase) -> Steps:
 )
 @_rule(
     "question",
-    "(WHICH | WHAT) (IS | OF | ONE)* DET? compared ONE? HERE? (TO HERE)? (COMMA | STOP)? a:np COMMA? OR b:np | "
-    "(COMPARE | BETWEEN | AMONG)? "
-    "a:np (AND | WITH | TO | COMPARE | OR) b:np (COMMA | STOP | AND)+ (WHICH | WHAT) (IS | ONE | OF | IT)* DET? "
-    "compared ONE? | IS IT? a:np OR b:np (THAT | IS)* DET? compared ONE? | (WHICH | WHAT) (IS | ONE | OF | "
-    "DET)* compared "
-    "(AMONG | OF | BETWEEN) a:np (AND | OR) b:np | (WHICH | WHAT) ONE? (OF | DET | BETWEEN | AMONG)* a:np (AND "
-    "| OR) b:np "
-    "(COMMA | THAT | IS)+ DET? compared ONE?",
+    "(WHICH | WHAT) (IS | OF | ONE)* DET? by HERE? (TO HERE)? (COMMA | STOP)? a:np COMMA? OR b:np | "
+    "(COMPARE | BETWEEN | AMONG)? a:np (AND | WITH | TO | COMPARE | OR) b:np (COMMA | STOP | AND)+ (WHICH | WHAT) "
+    "(IS | ONE | OF | IT)* DET? by | IS IT? a:np OR b:np (THAT | IS)* DET? by | (WHICH | WHAT) (IS | ONE | OF | "
+    "DET)* compared (AMONG | OF | BETWEEN) a:np (AND | OR) b:np | (WHICH | WHAT) ONE? (OF | DET | BETWEEN | AMONG)* "
+    "a:np (AND | OR) b:np (COMMA | THAT | IS)+ DET? by | IS of:np (compared | NEAR) (TO | HERE)* a:np OR NEAR? TO? "
+    "b:np | IS (HERE | IT)? (compared TO? | NEAR) a:np OR (TO | NEAR)? b:np",
     cost=-0.6,
 )
-def _which_of_two(compared: str, a: Phrase, b: Phrase) -> Steps:
-    both = united((a, b))
-    return _told(_changed(both, text=f'first(order({both.text}, "{compared}"))'), "which")
+def _which_of_two(
+    a: Phrase, b: Phrase, compared: str = "near", of: Phrase | None = None, by: tuple[str, Phrase | None] | None = None
+) -> Steps:
+    """Read "which is larger, the bed or the sofa?", "is the fridge closer to the stove or to the sofa?"."""
+    both, (key, than) = united((a, b)), by or (compared, of)
+    no_reading_if(than and key not in ("near", "far"))
+    text = f'first(order({both.text}, "{key}"))'
+    if than:
+        text = f"{'nearest' if key == 'near' else 'farthest'}({both.text}, 1, {than.measure})"
+    return _told(_changed(both, text), "which")
 
 
 @_rule(
@@ -1253,7 +1218,7 @@ def _which(np: Phrase) -> Steps:
 @_rule("question", "WHICH OF DET* pre* (noun | noun:room_name) post+", cost=-0.5)
 def _which_of_several_is(noun: Noun, post: Sequence[Parts], pre: Sequence[Parts] = ()) -> Steps:
     """Read "which of the two bedrooms has more books?": one of them."""
-    parts = [part for parts in (*pre, *post) for part in parts if part.kind != "count"]
+    parts = [part for part in flat((*pre, *post)) if part.kind != "count"]
     no_reading_if(not any(part.kind == "order" for part in parts))
     return _which(select(replace(noun, is_plural=False), parts))
 
@@ -1263,7 +1228,7 @@ def _which_of_several_is(noun: Noun, post: Sequence[Parts], pre: Sequence[Parts]
 )
 def _which_is_the_one(noun: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = (), side: str = "middle") -> Steps:
     """Read "which oven is the one in the middle?", "which chair is the one by the door?"."""
-    parts = [part for parts in (*pre, *post) for part in parts] or [Part("order", side)]
+    parts = flat((*pre, *post)) or [Part("order", side)]
     return _which(select(replace(noun, is_plural=False), parts))
 
 
@@ -1283,7 +1248,7 @@ def _which_is_nearer(np: Phrase, of: Phrase, far: str = "") -> Steps:
 @_rule("question", "what:LIST (THAT | IS)* post+", cost=0.1)
 @_rule("question", "LIST? what:WHAT (IS | EXIST | DOES | SEE | THAT)* post+ IS?")
 def _what_is(post: Sequence[Parts], what: str) -> Steps:
-    parts = [part for parts in post for part in parts]
+    parts = [*flat(post)]
     # "what is on the table besides the book?" leaves out books, not a table
     no_reading_if(not parts or any(part.phrase and part.phrase.greedy and not part.outer for part in parts))
     if "else" in what.split():  # "what else is on the counter with the microwave?"
@@ -1431,7 +1396,7 @@ def _room_has_more(a: Phrase, counted: str, np: Phrase, b: Phrase) -> Condition:
 
 
 _rule("condition", "room_has_more", cost=-0.4)(lambda room_has_more: room_has_more)
-_rule("condition", "in_one_room", cost=-0.3)(lambda in_one_room: in_one_room)
+_rule("condition", "test:in_one_room", "test:counts", cost=-0.3)(lambda test: test)
 
 
 @_rule("condition", "room WITH np", cost=-0.3)
@@ -1508,7 +1473,7 @@ _rule("condition", "room WITH (ATLEAST | only:EXACTLY)? n:whole np", cost=-0.5)(
 )
 
 
-@_rule("condition", "EXIST counted:COUNTED a:np THAN (b:np | relation)", cost=-0.3)
+@_rule("counts", "EXIST counted:COUNTED a:np THAN (b:np | relation)")
 def _counts(
     counted: str, a: Phrase, b: Phrase | None = None, relation: Parts = ()
 ) -> tuple[str, tuple[Phrase, Phrase]]:
@@ -1609,16 +1574,14 @@ _rule("done", "order (COMMA | STOP | AND | THEN)* verb:TAKE", cost=0.2)(
 )
 def _by_so_much(order: Steps, angle: Sequence[Measure] = (), distance: Sequence[Measure] = (), way: str = "") -> Steps:
     """Read "turn left, 30 degrees", "forward: two metres", "a full turn, to the right": how much was not yet said."""
-    last = order[-1]
+    last = _act(order[-1])
     if way:
-        if not isinstance(last, Do) or not any(_UNSIDED in note for note in last.notes):
-            raise CommandError("")
+        no_reading_if(not any(_UNSIDED in note for note in last.notes))
         return (*order[:-1], Do((last.lines[0].replace("(", "(-" if way == "left" else "("),)))
     measure = (*angle, *distance)[-1]
     default = {"1", "90", tidy(_A_LITTLE_M), tidy(_A_LITTLE_DEG)}
     call = "turn" if angle else "move_forward"
-    if not isinstance(last, Do) or (angle and len(last.lines) > 1) or (distance and not last.notes):
-        raise CommandError("")
+    no_reading_if((angle and len(last.lines) > 1) or (distance and not last.notes))
     return (*order[:-1], _resized(last, call, measure, default))
 
 
@@ -1636,8 +1599,7 @@ def _resized(step: Do, call: str, measure: Measure, sizes: Container[str] | None
 @_rule("done", "order COMMA ONLY? TURN", cost=0.1)
 def _just_turn(order: Steps) -> Steps:
     """Read "turn so that the couch is on your right, just turn"."""
-    if not all(isinstance(step, Do) and _kind(step) == "turn" for step in order):
-        raise CommandError("")
+    no_reading_if(not all(isinstance(step, Do) and _kind(step) == "turn" for step in order))
     return order
 
 
@@ -1661,8 +1623,8 @@ def _as_marked(one: tuple[int, Steps], more: Sequence[tuple[int, Steps]]) -> Ste
     said = [rank for rank in ranks if rank]
     in_turn = sorted(marked, key=lambda one: one[0] if one[0] > 0 else _MAX_TIMES * (1 - 2 * one[0]))
     told = [step for _, steps in in_turn for step in steps if isinstance(step, Do) and "‹" not in str(step.phrases)]
-    if len({*map(str, told)}) < sum(len(steps) for _, steps in marked):  # one twice, or one that refers to another
-        raise CommandError("")
+    # one twice, or one that refers to another
+    no_reading_if(len({*map(str, told)}) < sum(len(steps) for _, steps in marked))
     no_reading_if(not said or len({*said}) < len(said) or (0 in ranks and not {*said} <= {1, -1}))
     return tuple(replace(step, verb="") if step in _go_to(step.phrases) else step for step in told)
 
@@ -1697,13 +1659,14 @@ def _one_first(
     if len(named) == 1 < len(order) and n in (1, -1):  # "the oven and the sink, the sink first"
         rest = tuple(step for step in order if step is not named[0])
         return (*rest, *named) if last or n == -1 else (*named, *rest)
-    if n not in (1, -1) or len(order) != 1 or not isinstance(head, Do) or len(head.phrases) != 1:
-        raise CommandError("")
+    head = _act(head)
+    no_reading_if(n not in (1, -1) or len(order) != 1 or len(head.phrases) != 1)
     every = head.phrases[0]
     if every.text == IT:  # "visit all of them, and begin with the red one"
         every = replace(every, many=True)
-    if not every.many or one.base not in (ONE, SAME, every.base) or one.many or LAST in one.text or one.text == IT:
-        raise CommandError("")
+    no_reading_if(
+        not every.many or one.base not in (ONE, SAME, every.base) or one.many or LAST in one.text or one.text == IT
+    )
     text = one.text if one.base == every.base != ONE else one.text.replace(one.base, every.text)
     key = "last" if last or n == -1 else "first"
     return (replace(head, phrases=(_changed(every, f'order({every.text}, "{key}", {text})'),)),)
@@ -1729,9 +1692,7 @@ _rule("done", "(ORD | after:AFTER) COMMA? done", "NEED HERE? TO? done", "(HERE |
 )
 
 
-@_rule("item", "done", "question", "logical")
-def _item(done: Steps = (), question: Steps = (), logical: Steps = ()) -> Steps:
-    return done or question or logical
+_rule("item", "steps:done", "steps:question", "steps:logical")(lambda steps: steps)
 
 
 @_rule("if", "IF condition")
@@ -1793,9 +1754,9 @@ def _unless(condition: Condition, a: Steps, b: Steps = (), said: str = "instead"
 )
 def _or_else(a: Steps, b: Steps) -> Steps:
     """Read "go to the sofa or, if there is none, to the chair"."""
-    if len(a) != 1 or not isinstance(a[0], Do) or not a[0].phrases or "‹" in a[0].phrases[0].text:
-        raise CommandError("")
-    test, phrases = _exists(a[0].phrases[0])
+    named = _act(a[0]).phrases
+    no_reading_if(len(a) != 1 or not named or "‹" in named[0].text)
+    test, phrases = _exists(named[0])
     return (Choose(test, phrases, a, b),)
 
 
@@ -1873,8 +1834,7 @@ def _if_and_if_not(condition: Condition, a: Steps, other: Condition, b: Steps) -
 @_rule("logical", "PLACE (COMMA | STOP | SO)+ b:done", cost=-0.3)
 def _so(b: Steps) -> Steps:
     """Read "I want to wash my hands, so bring me to a sink": the wish says why."""
-    if any(IT in phrase.text for step in b if isinstance(step, Do) for phrase in step.phrases):
-        raise CommandError("")
+    no_reading_if(any(IT in phrase.text for step in b if isinstance(step, Do) for phrase in step.phrases))
     return b
 
 
@@ -1889,8 +1849,7 @@ def _only(b: Steps, not_: Steps = (), went: str = "") -> Steps:
     """Read "look at the clock, but don't drive there", "go back one metre, don't turn": what is not done anyway."""
     done = {"move" if not step.verb else _kind(step) for step in b if isinstance(step, Do)}
     never = {_kind(step) for step in not_ if isinstance(step, Do)} or {"move" if went else "turn"}
-    if not all(isinstance(step, Do) for step in (*b, *not_)) or done & never:
-        raise CommandError("")
+    no_reading_if(not all(isinstance(step, Do) for step in (*b, *not_)) or done & never)
     return b
 
 
@@ -1935,7 +1894,7 @@ def _introduced(
 ) -> Phrase:
     """Read "at the long table there are two chairs side by side", "the row of chairs in front of the counter"."""
     no_reading_if(exist.split(maxsplit=1)[0] in _ASKS)
-    parts = [part for parts in (*pre, *relation, *post) for part in parts]
+    parts = [*flat((*pre, *relation, *post))]
     if row:  # what stands in a row along something is next to it
         parts += [Part("filter", f"near({{}}, {part.of})") for part in parts if part.kind == "filter" and part.of]
     return select(noun, parts)
@@ -2006,8 +1965,8 @@ def _of_topic(topic: Phrase, b: Steps, named: Phrase | None = None, struck: str 
     """Read "the lamp by the bed, go to it", "there are two chairs at the table. Go to the left one, then the other"."""
     topic = lent((topic, named))[0] if named else topic
     first = b[0]
-    if isinstance(first, Do) and not first.verb and not topic.many and IT in first.phrases[0].text:
-        raise CommandError("")  # "the table; the chair left of it": both are gone to
+    # "the table; the chair left of it": both are gone to
+    no_reading_if(isinstance(first, Do) and not first.verb and not topic.many and IT in first.phrases[0].text)
     return _taken_from(b, topic, topic if struck else replace(topic, base=topic.whole or topic.text))
 
 
@@ -2109,8 +2068,7 @@ def _take_one(verb: str, targets: tuple[Phrase, ...], n: int = 0) -> Steps:
 )
 def _of_numbered(np: Phrase, n: int, noun: Noun | None = None) -> Steps:
     """Read "number the stools west to east and take number two", "counting from the left, go to the third"."""
-    if not np.text.startswith("order(") or (noun is not None and quoted(noun.label) not in np.base):
-        raise CommandError("")
+    no_reading_if(not np.text.startswith("order(") or (noun is not None and quoted(noun.label) not in np.base))
     return _go_to((replace(np, text=f"nth({np.text}, {n})", many=False, whole=""),))
 
 
@@ -2167,10 +2125,10 @@ def _items(item: Steps, next: Sequence[tuple[bool | None, Steps]] = ()) -> Steps
     joined = any(joint for joint, _ in next)
     next = [*_alike(item, next)]
     for before, (joint, _) in zip((item, *(steps for _, steps in next)), next, strict=False):
-        if joint is None and isinstance(before[-1], Do) and _kind(before[-1]) == "tell":
-            raise CommandError("")  # "how many boxes are there hiding under the bed?" moves nothing
-    if not joined and any(b and not a for a, b in pairwise(named)):
-        raise CommandError("")  # "the bar: second stool" is one thing, told twice
+        # "how many boxes are there hiding under the bed?" moves nothing
+        no_reading_if(joint is None and isinstance(before[-1], Do) and _kind(before[-1]) == "tell")
+    # "the bar: second stool" is one thing, told twice
+    no_reading_if(not joined and any(b and not a for a, b in pairwise(named)))
     steps = [*item]
     driven = [step for step in (*item, *(one for _, more in next for one in more)) if isinstance(step, Do)]
     no_reading_if(any(step.verb == _ONWARD for step in driven) and not any(_is_driven(step) for step in driven))
@@ -2216,8 +2174,7 @@ def _so_many_times(items: Steps, n: int = 0, times: int = 0) -> Steps:
 )
 def _keeping_away(avoided: Steps, a: Steps = (), b: Steps = ()) -> Steps:
     """Read "go to the couch, but keep away from the table"."""
-    if (not a and not b) or all(isinstance(step, Do) and _kind(step) == "tell" for step in (*a, *b)):
-        raise CommandError("")
+    no_reading_if((not a and not b) or all(isinstance(step, Do) and _kind(step) == "tell" for step in (*a, *b)))
     return (*avoided, *a, *b)
 
 
@@ -2246,9 +2203,7 @@ def _instead_so_much(
     """Read "forward two metres. Sorry, one", "turn left 30 degrees, no, 45"."""
     last, call = items[-1], "turn" if angle and "turn" in str(items[-1]) else "move_forward"
     measure = angle or distance or Measure(tidy(n))
-    if not isinstance(last, Do):
-        raise CommandError("")
-    return (*items[:-1], _resized(last, call, measure))
+    return (*items[:-1], _resized(_act(last), call, measure))
 
 
 @_rule(
@@ -2287,8 +2242,8 @@ def _in_room(np: Phrase, room: Phrase) -> Steps:
 )
 def _instead(b: Steps, items: Steps = (), said: str = "") -> Steps:
     """Read "go to the sofa, no wait, the table", "... the table I meant": what follows replaces the order before it."""
-    if said and not (said in ("instead", "rather") or (items and said.startswith(("i ", "we ")))):
-        raise CommandError("")  # "go to the sofa, no": what else was not said
+    # "go to the sofa, no": what else was not said
+    no_reading_if(said and not (said in ("instead", "rather") or (items and said.startswith(("i ", "we ")))))
     last, first = items[-1] if items else None, b[0]
     if first == _halt()[0]:  # "no, stay here" takes back all that was said
         return b

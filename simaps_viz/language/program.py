@@ -76,27 +76,21 @@ _UNSEEN = {"Cc": "a control character", "Cf": "a formatting character", "Cs": "h
 _SEPARATORS = {"Zl": "a line separator", "Zp": "a paragraph separator"}
 
 
-def located(line: int, primitive: str | None, message: str) -> str:
-    """Return "line 2: move_to: …"."""
-    return f"line {line}: {primitive}: {message}" if primitive else f"line {line}: {message}"
-
-
-class ProgramError(CommandError):
-    """A program cannot be carried out; knows the line and, if there is one, the primitive."""
+class _LocatedError(Exception):
+    """Knows the line and, if there is one, the primitive."""
 
     def __init__(self, line: int, primitive: str | None, message: str) -> None:
-        super().__init__(located(line, primitive, message))
+        super().__init__(f"line {line}: {primitive}: {message}" if primitive else f"line {line}: {message}")
         self.line, self.primitive, self.message = line, primitive, message
         self.pose: Pose2 | None = None  # where the robot is then, once it runs
 
 
-class ProgramStuckError(PlanningError):
+class ProgramError(_LocatedError, CommandError):
+    """A program cannot be carried out."""
+
+
+class ProgramStuckError(_LocatedError, PlanningError):
     """The robot cannot get where a line of a program sends it."""
-
-    def __init__(self, line: int, primitive: str | None, message: str) -> None:
-        super().__init__(located(line, primitive, message))
-        self.line, self.primitive, self.message = line, primitive, message
-        self.pose: Pose2 | None = None  # where the robot is then, once it runs
 
 
 def lines_of(text: str) -> list[str]:
@@ -288,30 +282,34 @@ def _check_depth(tree: ast.Module) -> None:
     raise too_deep(next((node.lineno for node in level if isinstance(node, ast.stmt | ast.expr | ast.keyword)), 1))
 
 
-class _Validator:
+class _Validator(ast.NodeVisitor):
     """Walks the whole tree once, and infers the type of every expression from what each look-up returns."""
 
     def __init__(self, text: str) -> None:
         self._letters = _Letters(text)
         self.calls: list[Call] = []
+        self._names: dict[str, str] = {}
 
     def block(self, body: list[ast.stmt], names: dict[str, str]) -> None:
+        outer, self._names = self._names, names
         for statement in body:
-            self._statement(statement, names)
+            self._statement(statement)
+        self._names = outer
 
-    def _statement(self, node: ast.stmt, names: dict[str, str]) -> None:
+    def _statement(self, node: ast.stmt) -> None:
+        names = self._names
         match node:
             case ast.Expr(value=ast.Call() as call):
-                self._call(call, names)
+                self.visit_Call(call)
             case ast.Assign(targets=[ast.Name() as target], value=value):
-                names[self._new_name(target)] = self._value(value, names)
+                names[self._new_name(target)] = self._value(value)
             case ast.For(target=ast.Name() as target, iter=source, body=body, orelse=[]):
-                kind = self._value(source, names)
+                kind = self._value(source)
                 if kind not in _RESULT_TYPES:
                     self._refuse(node, f"for goes over a set or a list, not over {IN_WORDS[kind]}")
                 self.block(body, {**names, self._new_name(target): _RESULT_TYPES[kind]})
             case ast.If(test=test, body=body, orelse=orelse):
-                self._value(test, names)
+                self._value(test)
                 taken, skipped = dict(names), dict(names)
                 self.block(body, taken)
                 self.block(orelse, skipped)
@@ -326,62 +324,47 @@ class _Validator:
             self._refuse(node, f"{node.id[:40]!r} cannot be assigned")
         return node.id
 
-    def _value(self, node: ast.expr, names: dict[str, str]) -> str:
-        kind = self._expression(node, names)
+    def _value(self, node: ast.expr) -> str:
+        kind = self.visit(node)
         if kind == "nothing":
             self._refuse(node, "a motion or tell gives no value; write it on a line of its own")
         return kind
 
-    def _expression(self, node: ast.expr, names: dict[str, str]) -> str:
-        check = {
-            ast.Constant: self._constant,
-            ast.Name: self._name,
-            ast.Call: self._call,
-            ast.List: self._items,
-            ast.Tuple: self._items,
-            ast.Subscript: self._item,
-            ast.UnaryOp: self._unary,
-            ast.BoolOp: self._choice,
-            ast.BinOp: self._arithmetic,
-            ast.Compare: self._comparison,
-        }.get(type(node))
-        if check is None:
-            self._not_allowed(node)
-        return check(node, names)
-
-    def _items(self, node: ast.List | ast.Tuple, names: dict[str, str]) -> str:
+    def visit_List(self, node: ast.List | ast.Tuple) -> str:
         if len(node.elts) > MAX_ITEMS:
             self._refuse(node, f"lists have at most {MAX_ITEMS} items, found {len(node.elts)}")
-        kinds = [self._value(item, names) for item in node.elts]
+        kinds = [self._value(item) for item in node.elts]
         return "position" if kinds == ["number", "number"] else "list"
 
-    def _unary(self, node: ast.UnaryOp, names: dict[str, str]) -> str:
+    visit_Tuple = visit_List  # noqa: N815 - the name is that of ast
+
+    def visit_UnaryOp(self, node: ast.UnaryOp) -> str:
         if isinstance(node.op, ast.Not):
-            self._value(node.operand, names)
+            self._value(node.operand)
             return "truth"
         if isinstance(node.op, ast.Invert):
             self._not_allowed(node.op, node)
-        return self._number(node, [node.operand], names)
+        return self._number(node, [node.operand])
 
-    def _choice(self, node: ast.BoolOp, names: dict[str, str]) -> str:
-        kinds = {self._value(value, names) for value in node.values}
+    def visit_BoolOp(self, node: ast.BoolOp) -> str:
+        kinds = {self._value(value) for value in node.values}
         return kinds.pop() if len(kinds) == 1 else "any"
 
-    def _arithmetic(self, node: ast.BinOp, names: dict[str, str]) -> str:
+    def visit_BinOp(self, node: ast.BinOp) -> str:
         if not isinstance(node.op, _ARITHMETIC):
             self._not_allowed(node.op, node)
-        return self._number(node, [node.left, node.right], names)
+        return self._number(node, [node.left, node.right])
 
-    def _comparison(self, node: ast.Compare, names: dict[str, str]) -> str:
+    def visit_Compare(self, node: ast.Compare) -> str:
         for operation in node.ops:
             if not isinstance(operation, _COMPARISONS):
                 self._not_allowed(operation, node)
         for value in (node.left, *node.comparators):
-            if self._value(value, names) in ("list", "position", "instances", "positions"):
+            if self._value(value) in ("list", "position", "instances", "positions"):
                 self._refuse(node, "sets, lists and positions cannot be compared")
         return "truth"
 
-    def _constant(self, node: ast.Constant, names: dict[str, str]) -> str:
+    def visit_Constant(self, node: ast.Constant) -> str:
         value = node.value
         if isinstance(value, bool):
             return "truth"
@@ -397,29 +380,29 @@ class _Validator:
             return "text"
         self._refuse(node, f"a value of type {type(value).__name__} is not allowed; {_SMALL_PYTHON}")
 
-    def _name(self, node: ast.Name, names: dict[str, str]) -> str:
+    def visit_Name(self, node: ast.Name) -> str:
         self._plain(node)
-        if node.id not in names:
+        if node.id not in self._names:
             hint = "robot is only there to be called" if node.id == "robot" else "no value on every way to this line"
             self._refuse(node, f"{node.id[:40]!r}: {hint}")
-        return names[node.id]
+        return self._names[node.id]
 
-    def _item(self, node: ast.Subscript, names: dict[str, str]) -> str:
-        kind, index = self._value(node.value, names), node.slice
+    def visit_Subscript(self, node: ast.Subscript) -> str:
+        kind, index = self._value(node.value), node.slice
         if kind not in _RESULT_TYPES:
             self._refuse(node, f"{IN_WORDS[kind]} cannot be indexed")
-        if isinstance(index, ast.Slice) or self._value(index, names) not in ("number", "any"):
+        if isinstance(index, ast.Slice) or self._value(index) not in ("number", "any"):
             self._refuse(node, "an index is a whole number")
         return _RESULT_TYPES[kind]
 
-    def _number(self, node: ast.expr, operands: list[ast.expr], names: dict[str, str]) -> str:
+    def _number(self, node: ast.expr, operands: list[ast.expr]) -> str:
         for operand in operands:
-            kind = self._value(operand, names)
+            kind = self._value(operand)
             if kind not in ("number", "any"):
                 self._refuse(node, f"arithmetic is for numbers, not for {IN_WORDS[kind]}")
         return "number"
 
-    def _call(self, node: ast.Call, names: dict[str, str]) -> str:
+    def visit_Call(self, node: ast.Call) -> str:
         self._plain(node.func)
         for keyword in node.keywords:
             self._plain(keyword)
@@ -430,7 +413,7 @@ class _Validator:
             value = call.arguments.get(parameter.name)
             if value is None:
                 continue
-            wrong = check_argument(parameter, self._value(value, names), literal(value))
+            wrong = check_argument(parameter, self._value(value), literal(value))
             if wrong:
                 raise ProgramError(node.lineno, primitive.name, wrong)
         return primitive.result
@@ -449,6 +432,10 @@ class _Validator:
                 return
         if not plain:
             self._refuse(node, "names are written in plain letters")
+
+    def generic_visit(self, node: ast.AST) -> NoReturn:
+        """Refuse what has no method of its own."""
+        self._not_allowed(node)
 
     def _not_allowed(self, piece: ast.AST, within: ast.AST | None = None) -> NoReturn:
         self._refuse(within or piece, f"{_name_of(piece)} is not allowed; {_SMALL_PYTHON}")

@@ -10,7 +10,7 @@ from typing import Final
 from simaps_viz.language.grammar import Chart
 from simaps_viz.language.nouns import IT, ONE, SAME, Phrase
 from simaps_viz.language.orders import EVERYTHING, GRAMMAR
-from simaps_viz.language.tokenizer import Sentence
+from simaps_viz.language.tokenizer import PLACING, Sentence
 from simaps_viz.language.words import AROUND_QUESTIONS, NUMBERS
 
 _PUT_AS: Final = {
@@ -27,9 +27,7 @@ _CALLED: Final[dict[str, str]] = {word: kind for kind, words in AROUND_QUESTIONS
 _MOVING: Final = frozenset(AROUND_QUESTIONS["moving"])
 _LIGHT: Final = frozenset(AROUND_QUESTIONS["light"])
 """Words that name nothing and limit nothing."""
-_PLACING: Final = frozenset(
-    ["IN", "ON", "AT", "BY", "NEAR", "UNDER", "BEHIND", "FRONT", "BETWEEN", "OPPOSITE", "NEAREST", "WITH", "WITHOUT"]
-)
+_PLACING: Final = PLACING | {"NEAREST", "WITH", "WITHOUT"}
 _STRANDED: Final = frozenset(["from", "with", "up", "of", "by", "at", "in"])
 """What a question may end with."""
 _PUTTING: Final = frozenset(["leave", "put", "keep", "hide", "store", "place", "drop", "lay", "set", "go", "get"])

@@ -16,7 +16,7 @@ a phrase of the meaning comes to:
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partialmethod
 from typing import Any, Final
 
 import cv2
@@ -27,7 +27,16 @@ from scipy.spatial import KDTree
 from simaps_viz.colors.naming import has_color, lab
 from simaps_viz.errors import CommandError, InputError, PlanningError
 from simaps_viz.language.cells import Packed, wall_cells
-from simaps_viz.language.grounding import MAX_LOOKED, Grounding, Named, Things, one_thing, ordinal, with_article
+from simaps_viz.language.grounding import (
+    MAX_LOOKED,
+    Grounding,
+    Named,
+    Things,
+    one_thing,
+    ordinal,
+    the_room,
+    with_article,
+)
 from simaps_viz.language.primitives import SAID, SELF, Primitive
 from simaps_viz.language.telling import told
 from simaps_viz.language.words import KINDS, plain, plural
@@ -287,15 +296,14 @@ class Sets(Grounding):
 
     # ---- sources
 
-    def _things(self, name: str) -> Things:
-        return self.named(name)
+    _things = Grounding.named
 
     def _search(self, words: str) -> Things:
         known = self.named(words)
         if known.items:
             return known
         if words in _DOORS and self.simap.rooms and (here := self._here()).doors:
-            way = f'the way out of {_the(here)} is known as an opening: say "go to the door"'
+            way = f'the way out of {the_room(here)} is known as an opening: say "go to the door"'
             return replace(known, missing=f"There is no {words} on this map, but {way}.")
         try:
             found = self.simap.search(words, k=len(self.simap.instances))
@@ -361,7 +369,7 @@ class Sets(Grounding):
         centroids = self.centroids(things)
         room = self.room_of(of) if of != "map" else None
         if of == "map" or room is not None:
-            name = "the map" if room is None else _the(room)
+            name = "the map" if room is None else the_room(room)
             place = "middle" if side == "middle" else f"{side} part"
             return self._keep(S, self._in_part(centroids, side, of), after=f"in the {place} of {name}")
         if side == "middle":
@@ -477,7 +485,7 @@ class Sets(Grounding):
         items, room = self.set_of(S).items, self.room_of(T)
         in_rooms = bool(items) and not isinstance(items[0], Instance)
         if room is not None or self._point_of(T) is not None or in_rooms:
-            what = "you" if isinstance(T, str) else "that place" if room is None else _the(room)
+            what = "you" if isinstance(T, str) else "that place" if room is None else the_room(room)
             kept = (self._far(items, T) <= most + 1e-9) & np.array([item is not room for item in items], bool)
             if in_rooms and room is None:
                 kept &= [not near or self._is_open(item, T) for item, near in zip(items, kept, strict=True)]
@@ -720,7 +728,7 @@ class Sets(Grounding):
         if not rooms:
             self.set_of(self._rooms(R) if isinstance(R, str) else R).expect(1)
         ids = {number for room in rooms for number in room.objects}
-        names = " or ".join(_the(room) for room in rooms[:3]) if len(rooms) <= 3 else "these rooms"
+        names = " or ".join(the_room(room) for room in rooms[:3]) if len(rooms) <= 3 else "these rooms"
         found = self._keep(S, [i.id in ids for i in self.things_of(S)], after=f"in {names}")
         others = self.set_of(S).items
         if R or found.items or not others:
@@ -728,7 +736,7 @@ class Sets(Grounding):
         # Who asks "in here" may mean the whole place.
         nearest = self.ranked(others)[0]
         there = [room for room in self._all_rooms() if nearest.id in room.objects]
-        where = f"in {_the(there[0])}" if there else "elsewhere"
+        where = f"in {the_room(there[0])}" if there else "elsewhere"
         number = "there is one" if len(others) == 1 else f"the nearest of {len(others)} is"
         return replace(found, missing=f"{found.none()[:-1]}; {number} {where}.", elsewhere=(nearest,))
 
@@ -1038,13 +1046,7 @@ class Sets(Grounding):
         kept = [k for k in range(len(items)) if np.isfinite(apart[k]) and (room is None or items[k] is not room)]
         return replace(found, items=tuple(items[k] for k in kept)), sign * apart[kept]
 
-    def _nearest(self, S: Named, n: int, of: Any) -> Things:
-        return self._few(S, "near", n, of)
-
-    def _farthest(self, S: Named, n: int, of: Any) -> Things:
-        return self._few(S, "far", n, of)
-
-    def _few(self, S: Named, key: str, n: int, of: Any) -> Things:
+    def _few(self, S: Named, n: int, of: Any, key: str) -> Things:
         found = self.set_of(S)
         found.expect(n)
         ranked = self._order(found, key, of)
@@ -1055,6 +1057,8 @@ class Sets(Grounding):
             )
         chosen = self._first(ranked, n)
         return self._with_surer(chosen, ranked.items) if key == "near" else chosen
+
+    _nearest, _farthest = partialmethod(_few, key="near"), partialmethod(_few, key="far")
 
     def _with_surer(self, chosen: Things, ranked: Sequence[Any]) -> Things:
         """Return the nearest with the nearest that is not doubtful, if itself is."""
@@ -1108,9 +1112,6 @@ class Sets(Grounding):
     def _count(self, S: Named) -> int:
         return len(self.set_of(S))
 
-    def _distance(self, A: Any, B: Any) -> float:
-        return self.distance_between(A, B)
-
     def distance_between(self, A: Any, B: Any) -> float:
         """Return how far apart two things, rooms, positions, or the robot, are, edge to edge, metres."""
         if self._point_of(A) is not None:
@@ -1124,8 +1125,7 @@ class Sets(Grounding):
             return 0.0
         return float(self._far(items, B).min())
 
-    def _size(self, T: Any, key: str) -> float:
-        return self.size_of(T, key)
+    _distance = distance_between
 
     def size_of(self, T: Any, key: str) -> float:
         """Return the area, length, width or height of a thing or room, square metres or metres, or lightness."""
@@ -1136,6 +1136,8 @@ class Sets(Grounding):
             raise CommandError(f"The {'height' if key == 'height' else 'colour'} of a room is not on this map.")
         sides = sorted(cv2.minAreaRect(np.array(room.polygon_m, np.float32))[1])
         return {"area": room.area_m2, "length": round(sides[1], 4), "width": round(sides[0], 4)}[key]
+
+    _size = size_of
 
     def measure(self, thing: Instance, key: str) -> float:
         """Return the area, length, width or height of a thing, square metres or metres, or its lightness, 0 to 100.
@@ -1161,7 +1163,7 @@ class Sets(Grounding):
         if self._keep_off is None:
             raise PlanningError("nothing is driven here, so nothing can be avoided")
         if room is not None:
-            self._keep_off(self.simap.room_cells == room.id, (), _the(room), 0.0 if metres is None else metres)
+            self._keep_off(self.simap.room_cells == room.id, (), the_room(room), 0.0 if metres is None else metres)
         else:
             cells = np.isin(self.simap.instance, [thing.id for thing in things])
             self._keep_off(cells, things, self.set_of(S).the, metres)
@@ -1247,7 +1249,7 @@ class Sets(Grounding):
     def _entrance(self, R: Any) -> Position:
         room = self._room(R)
         if not room.doors:
-            raise CommandError(f"No doorway of {_the(room)} is known on this map.")
+            raise CommandError(f"No doorway of {the_room(room)} is known on this map.")
         here = (self.viewer.x_m, self.viewer.y_m)
         return Position(
             min((door.point_m for door in room.doors), key=lambda p: float(np.hypot(*np.subtract(p, here))))
@@ -1304,11 +1306,6 @@ class Sets(Grounding):
 def pair_words(a: Instance, b: Instance) -> str:
     """Speak of two things: "the couch and the lamp", and of two of one class by their names."""
     return f"{a.name} and {b.name}" if a.label == b.label else f"the {a.label} and the {b.label}"
-
-
-def _the(room: Room) -> str:
-    """Return "the kitchen", but "room 3"."""
-    return room.name if room.name[-1:].isdigit() else f"the {room.name}"
 
 
 def _side_words(side: str) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from simaps_viz.colors.naming import color_name
 from simaps_viz.errors import CommandError
-from simaps_viz.language.grounding import Things, one_thing, with_article
+from simaps_viz.language.grounding import Things, one_thing, the_room, with_article
 from simaps_viz.language.primitives import SAID, SELF
 from simaps_viz.language.words import KINDS, plural
 from simaps_viz.structures import Instance
@@ -52,10 +52,10 @@ def _told(sets: "Sets", value: Any, kind: str, other: Any, key: str) -> Told:
     if isinstance(value, int | float | list):
         return _plain(value, kind)
     found = sets.set_of(_room_or(sets, value))
-    if kind in ("compare", "distance", "side", "way"):
-        return _of_two(sets, found, other, kind, key)
     if not found.items:
         return _nothing(found, kind)
+    if kind in _OF_TWO:
+        return _OF_TWO[kind](sets, found, other, key)
     if not isinstance(found.items[0], Instance):
         return _rooms(sets, found, kind)
     if kind == "size":
@@ -96,11 +96,7 @@ def _room_name(sets: "Sets", thing: Instance) -> str:
     if not sets.simap.rooms:
         return ""
     room = sets.simap.room_of(thing.id)
-    return _the_room(room.name) if room is not None else ""
-
-
-def _the_room(name: str) -> str:
-    return name if name[-1:].isdigit() else f"the {name}"
+    return the_room(room) if room is not None else ""
 
 
 def _nothing(found: Things, kind: str) -> Told:
@@ -199,19 +195,7 @@ def _size(sets: "Sets", found: Things, key: str) -> Told:
     return text.format(the, *sizes.values()), round(sizes["area"], 3), [thing]
 
 
-def _of_two(sets: "Sets", found: Things, other: Any, kind: str, key: str) -> Told:
-    if not found.items:
-        return _nothing(found, kind)
-    if kind == "compare":
-        return _compare(sets, found, other, key or "large")
-    if kind == "side":
-        return _side(sets, found, other, key)
-    if kind == "way":
-        return _way(sets, found, other)
-    return _distance(sets, found, other)
-
-
-def _distance(sets: "Sets", found: Things, other: Any) -> Told:
+def _distance(sets: "Sets", found: Things, other: Any, _: str) -> Told:
     first = found.items[0]
     end = sets.set_of(_room_or(sets, other)) if other not in ("", SELF) and not isinstance(other, list) else None
     if end is not None and not end.items:
@@ -223,7 +207,7 @@ def _distance(sets: "Sets", found: Things, other: Any) -> Told:
     return f"{subject} is {far:.1f} m {away}.", round(far, 3), things
 
 
-def _way(sets: "Sets", found: Things, other: Any) -> Told:
+def _way(sets: "Sets", found: Things, other: Any, _: str) -> Told:
     """Describe the way to a thing or room, from the robot or from another one, turn by turn, its value the length."""
     begin = None if other in ("", SELF) else sets.set_of(_room_or(sets, other))
     if begin is not None and not begin.items:
@@ -247,7 +231,7 @@ def _way(sets: "Sets", found: Things, other: Any) -> Told:
         parts.append(f"{turn}, {float(np.hypot(*(b - a))):.1f} m")
         before = yaw
     at = [sets.simap.room_at(*point) for point in path.points_m] if sets.simap.rooms else []
-    rooms = list(dict.fromkeys(_the_room(room.name) for room in at if room is not None))
+    rooms = list(dict.fromkeys(the_room(room) for room in at if room is not None))
     through = f" through {_and(rooms)}" if len(rooms) > 1 else ""
     where = f"from {_name_of(begin)} to {_name_of(found)}" if begin else f"to {_name_of(found)}"
     text = f"The way {where} is {path.length_m:.1f} m long{through}{': ' if parts else ''}{'; '.join(parts)}."
@@ -283,6 +267,7 @@ def _compare(sets: "Sets", found: Things, other: Any, key: str) -> Told:
     end = sets.set_of(_room_or(sets, other))
     if not end.items:
         return _nothing(end, "compare")
+    key = key or "large"
     more, unit = SAID["more"].get(key, SAID["more"]["large"])
     measure, sign = SAID["by_size"].get(key, ("", 1 if key == "far" else -1))
     pair = (found.items[0], end.items[0])
@@ -305,7 +290,7 @@ def _compare(sets: "Sets", found: Things, other: Any, key: str) -> Told:
 
 def _rooms(sets: "Sets", found: Things, kind: str) -> Told:
     first, n = found.items[0], len(found)
-    names = [_the_room(room.name) for room in found.items]
+    names = [the_room(room) for room in found.items]
     here = sets.distance_between(first, SELF) == 0.0
     match kind:
         case "count":
@@ -322,7 +307,7 @@ def _rooms(sets: "Sets", found: Things, kind: str) -> Told:
             things = Things(inside, "thing", "things", after=f"in {names[0]}")
             return _what(sets, things) if inside else _nothing(things, kind)
         case "which" | "room" if n == 1:
-            also = _and([_the_room(room.name) for room in found.tied])
+            also = _and([the_room(room) for room in found.tied])
             tied = f"; as far as the map can tell, so is {also}" if also else ""
             return f"{'You are in' if here and not also else 'It is'} {names[0]}{tied}.", first.name, []
     return f"There {'is' if n == 1 else 'are'} {_and(names)}.", ", ".join(room.name for room in found.items), []
@@ -332,6 +317,7 @@ _TELL: Final = {
     "count": _count, "whether": _whether, "where": _where, "which": _where, "what": _what, "list": _what, "room": _room,
     "color": _color,
 }  # fmt: skip
+_OF_TWO: Final = {"compare": _compare, "distance": _distance, "side": _side, "way": _way}
 
 
 def _noun(thing: Instance) -> str:
@@ -341,7 +327,7 @@ def _noun(thing: Instance) -> str:
 def _name_of(found: Things) -> str:
     first = found.items[0]
     if not isinstance(first, Instance):
-        return _the_room(first.name)
+        return the_room(first)
     return (
         found.the if len(found) == 1 else f"the nearest {found.one}" if not found.before else f"the first {found.one}"
     )

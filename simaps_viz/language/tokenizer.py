@@ -45,7 +45,6 @@ _PAST: Final = {
 _WISHED: Final = re.compile(rf"\b(if|rather|sooner|time|wish) you (?:{_SOFTLY})({'|'.join(_PAST)})\b")
 """What is wished for in the past tense: "I would be glad if you went"."""
 _IS: Final = re.compile(r"\b(that|it|there|what|where|here|which|who|how)['’]s\b")
-_SHORT: Final = re.compile(r"\b(i|you|we|they|he|she|it|that|there|who|what|where|this)['’](m|d|re|ve|ll)\b")
 _YOURSELF: Final = re.compile(
     r"(?:^|(?<=[,.;!] )|(?<=then ))(\w+) yourself(?= (?:right |directly |down |just )?"
     r"(?:in|into|between|beside|next|near|by|at|under|behind|on|to|over|along|across)\b)"
@@ -218,7 +217,7 @@ def plainly(text: str) -> str:
     said = re.sub(r"\b(the|an?|my|our|to|at|by)\s*\.{2,}", r"\1 …", said)
     said = re.sub(r"\b(?:might|may|could|would) be(?=\W*$)", "is", said)
     said = re.sub(r"\s[-–—]+\s", ", ", re.sub(r"\s*(?:[-=]*>|→)\s*", ", then ", said))
-    said = written_out(_SHORT.sub(r"\1 \2", said))
+    said = written_out(said)
     said = _WORD.sub(lambda found: SPELLED.get(found[0].replace("’", "'"), found[0]), said)
     said = _WISHED.sub(lambda found: f"{found[1]} you would {_PAST[found[2]]}", said)
     said = _YOURSELF.sub(lambda found: found[0] if (found[1],) in _KNOWN else "go", said)
@@ -312,7 +311,7 @@ _COST_OF_KNOWN: Final = 0.5
 _FINITE: Final = re.compile(r"is|are|was|ha[sd]|have|hasn|haven|lacks|holds|(?:stand|sit|lie|hang)s?")
 """What makes a statement of "the desk has a plant on it"."""
 _PARTICLES: Final = re.compile(r"out|over|up|down|back|along|off|around")
-_PLACING: Final = frozenset(["IN", "AT", "BY", "NEAR", "ON", "UNDER", "BEHIND", "BETWEEN", "FRONT", "OPPOSITE"])
+PLACING: Final = frozenset(["IN", "AT", "BY", "NEAR", "ON", "UNDER", "BEHIND", "BETWEEN", "FRONT", "OPPOSITE"])
 """Where something is: a particle before it says no more."""
 _RELATIVES: Final = frozenset(["that", "which", "who", "where"])
 _BEFORE_NOUNS: Final = frozenset(["the", "a", "an", "my", "your", "our", "this", "that", "these", "those"])
@@ -436,7 +435,7 @@ def _edges(kind: str, words: Sequence[str], at: int, vocabulary: Vocabulary) -> 
         yield Edge("WORD", words[at], at + 1, _COST_OF_KNOWN)  # "the standing lamp"
     if _PARTICLES.fullmatch(words[at]):  # "over by the door", "back in the kitchen"
         for length, tokens in _phrases(words[at + 1 : at + 1 + MAX_PHRASE]):
-            placing = [(name, value) for name, value in tokens if name in _PLACING]
+            placing = [(name, value) for name, value in tokens if name in PLACING]
             yield from (Edge(name, value, at + 1 + length, _COST_OF_HOMONYM) for name, value in placing)
     if at and words[at] in _RELATIVES:
         end = next((i for i in range(at, len(words)) if words[i] in _STOPS), len(words))

@@ -36,13 +36,13 @@ def load(name: str) -> Any:
     return json.loads(load_text(name))
 
 
-_SHORT: Final = re.compile(r"\b(i|you|we|they|he|she|it|that|there|who|what|where|this) (m|d|re|ve|ll)\b")
+_SHORT: Final = re.compile(r"\b(i|you|we|they|he|she|it|that|there|who|what|where|this)[ '’](m|d|re|ve|ll)\b")
 _LONG: Final = {"m": "am", "d": "would", "re": "are", "ve": "have", "ll": "will"}
 _CHOICE: Final = re.compile(r"\(([^()]*)\)")
 
 
 def written_out(said: str) -> str:
-    """Return words with "i m" and "you re" as "i am" and "you are"."""
+    """Return words with "i'm" or "i m" and "you're" or "you re" as "i am" and "you are"."""
     return _SHORT.sub(lambda found: f"{found[1]} {_LONG[found[2]]}", said)
 
 
