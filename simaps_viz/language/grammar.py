@@ -2,10 +2,10 @@
 
 A pattern is a regular expression over tokens and other rules: ``"(GO | STAND) TO? goal:np"``. Names in capitals are
 kinds of tokens, the others rules. What a rule or a named token (``n:NUM``) gives is handed to the function under its
-name, or under the name before the colon; below ``*`` or ``+`` a tuple of them. Names that begin with "_" are not handed
-over; ``&`` before a part only looks whether it follows, ``!`` whether it does not. Of the readings of a rule that end
-at the same token the likeliest few are kept, so that parsing takes polynomial time however many attachments a sentence
-has.
+name, or under the name before the colon; below ``*`` or ``+`` a tuple of them, into which tuples are joined. Names that
+begin with "_" are not handed over; ``&`` before a part only looks whether it follows, ``!`` whether it does not. Of the
+readings of a rule that end at the same token the likeliest few are kept, so that parsing takes polynomial time however
+many attachments a sentence has.
 """
 
 import re
@@ -286,7 +286,8 @@ def _captured(captures: Captures, key: str, several: bool, value: Any) -> Captur
     if not several:
         return (*captures, (key, value))
     before = next((old for name, old in captures if name == key), ())
-    return (*(pair for pair in captures if pair[0] != key), (key, (*before, value)))
+    before, more = (one if type(one) is tuple else (one,) for one in (before, value))
+    return (*(pair for pair in captures if pair[0] != key), (key, (*before, *more)))
 
 
 def _fewer(states: list[tuple[int, Captures, float]]) -> list[tuple[int, Captures, float]]:

@@ -522,11 +522,6 @@ def _filter(text: str, *phrases: Phrase, outer: bool = False, of: str = "", defi
     return (Part("filter", text, of, phrase=inner, outer=outer, definite=definite),)
 
 
-def flat(parts: Iterable[Parts]) -> Parts:
-    """Return the parts of several words or phrases in one tuple."""
-    return tuple(part for group in parts for part in group)
-
-
 _rule = GRAMMAR.rule
 
 # ---- sides, numbers
@@ -887,10 +882,10 @@ _rule("post", "COMMA &(BEHIND | FRONT | NEAR | BY | UNDER | BETWEEN) relation", 
 
 
 @_rule("post", "COMMA (IT IS)? DET adjective (one:ONE | !(NOUN | NOUNS | ONES | WORD)) post*", cost=0.1)
-def _the_red_one(adjective: Parts, post: Sequence[Parts] = (), one: float = 0) -> Parts:
+def _the_red_one(adjective: Parts, post: Parts = (), one: float = 0) -> Parts:
     """Read "the box under the bench, the red one": a list where another colour was said before."""
     said = (replace(part, number=1, outer=part.text.startswith("colored(")) for part in adjective)
-    return (*said, *flat(post), *((Part("single"),) if one else ()))
+    return (*said, *post, *((Part("single"),) if one else ()))
 
 
 # "the chair, it is by the window", "the desk. It must not be red", "the desk, it has a plant on it"
@@ -911,11 +906,11 @@ _rule("post", "(COMMA | STOP)+ exist:EXIST np (ON | AT | UNDER | NEAR) IT", cost
 )
 # "the footstool, the little ottoman": one thing by two names
 _rule("post", "COMMA DET pre* name:NOUN !(COMMA? (AND | OR) | COMMA DET)", cost=0.1)(
-    lambda name, pre=(): (Part("alias", name.spoken, name.label), *flat(pre))
+    lambda name, pre=(): (Part("alias", name.spoken, name.label), *pre)
 )
 # "a chair, any chair"
 _rule("post", "COMMA said:INDEF pre* name:NOUN", cost=-0.2)(
-    lambda said, name, pre=(): no_reading() if said != "any" else (Part("alias", "", name.label), *flat(pre))
+    lambda said, name, pre=(): no_reading() if said != "any" else (Part("alias", "", name.label), *pre)
 )
 # "the smallest table, coffee tables included"
 _rule("relation", "COMMA? INCLUDING np", "COMMA np INCLUDED")(lambda np: _filter(f"union({{}}, {np.base})", np))
@@ -1008,12 +1003,11 @@ def _having_no_more(n: int, np: Phrase, only: str = "", most: str = "", few: str
 
 _rule(
     "relation",
-    "WITH BOTH a:np AND b:np _on_it? | WITH a:np AND !(DET | INDEF | EVERY | _number) b:np _on_it? | "
-    "WITH a:np _on_it? AND b:np _on_it | WITH a:np _on_it AND b:np | "
-    "WHERE a:np AND b:np IS+",
+    "WITH BOTH a:np AND b:np _on_it? | WITH a:np AND !(DET | INDEF | EVERY | _number) b:np _on_it? | WITH a:np "
+    "_on_it? AND b:np _on_it | WITH a:np _on_it AND b:np | WHERE a:np AND b:np IS+",
     cost=-0.3,
 )(lambda a, b: _filter(f"having(having({{}}, {a.argument}), {b.argument})", a, b))
-_rule("relation", "WITH ITS pre* noun")(lambda noun, pre=(): _having(select(noun, flat(pre))))
+_rule("relation", "WITH ITS pre* noun")(lambda noun, pre=(): _having(select(noun, pre)))
 
 
 @_rule(
@@ -1100,7 +1094,7 @@ def _but_none(relation: Parts = (), adjective: Parts = ()) -> Parts:
 
 # "every chair, but only the red ones"
 _rule("post", "COMMA? (AND | BUT)? ONLY DET* (relation | adjective+ ONES? | (ONES | ONE) post+)", cost=-0.1)(
-    lambda relation=(), adjective=(), post=(): (*relation, *flat((*adjective, *post)))
+    lambda relation=(), adjective=(), post=(): (*relation, *adjective, *post)
 )
 _rule("post", "_is? NEITHER (a:adjective | a:relation) NOR (b:adjective | b:relation)")(
     lambda a, b: tuple(_negated(part) for part in (*a, *b))
@@ -1116,7 +1110,7 @@ _rule("post", "_is? NEITHER (a:adjective | a:relation) NOR (b:adjective | b:rela
     "!(ORD | LASTLY)",
     cost=-0.05,
 )
-def _except(targets: tuple[Phrase, ...], said: str = "", relation: Sequence[Parts] = ()) -> Parts:
+def _except(targets: tuple[Phrase, ...], said: str = "", relation: Parts = ()) -> Parts:
     """Read "except the red ones", "not counting those on desks", "apart from the kitchen", "without the one here"."""
     corrected = LAST in targets[-1].text  # "not the big one, the other one"
     rooms = any(phrase.is_room for phrase in targets)
@@ -1129,7 +1123,7 @@ def _except(targets: tuple[Phrase, ...], said: str = "", relation: Sequence[Part
             f"inside({{}}, {phrase.text})" if phrase.is_room else (phrase.any and phrase.whole) or phrase.argument
         )
         text = f"minus({text}, {left_out})"
-    for part in flat(relation):
+    for part in relation:
         text = f"minus({text}, {_negated(part).text.removeprefix('minus({}, ').removesuffix(')')})"
     (part,) = _filter(text, *targets, outer=True)
     if said == "but" and len(targets) == 1 and targets[0].base == ONE and not targets[0].many:
@@ -1197,60 +1191,55 @@ _rule("noun", "ANYTHING", cost=0.1)(lambda: Noun("thing", "anything"))
 @_rule("thing", "_dets pre* room noun (&(COMMA? EXCEPT | WITH) post)*", cost=0.7)
 @_rule("thing", "_dets pre* noun room", cost=0.4)
 def _one(
-    noun: Noun,
-    pre: Sequence[Parts] = (),
-    said: Parts = (),
-    post: Sequence[Parts] = (),
-    every: str = "",
-    room: Phrase | None = None,
+    noun: Noun, pre: Parts = (), said: Parts = (), post: Parts = (), every: str = "", room: Phrase | None = None
 ) -> Phrase:
     """Read "the red chair at the table", "chair 18", "the table big", "windows living room", "the café counter"."""
     said = _inside(room) if room else said
-    return select(noun, (*flat(pre), *said, *flat(post)), every=bool(every))
+    return select(noun, (*pre, *said, *post), every=bool(every))
 
 
 @_rule("thing", "BOTH (OF | DET)* pre* noun post*")
-def _both(noun: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
+def _both(noun: Noun, pre: Parts = (), post: Parts = ()) -> Phrase:
     no_reading_if(noun.known and not noun.is_plural)  # "both the sofa and the lamp"
-    return select(noun, (Part("count", number=2), *flat(pre), *flat(post)), every=True)
+    return select(noun, (Part("count", number=2), *pre, *post), every=True)
 
 
 _CLOSEST_BESIDE: Final = re.compile(r"^nearest\((near\(.*, (?:the\(things\()?(.+?)(?:\)\))?\)), 1, \2\)$")
 
 
 @_rule("thing", "_dets outer:pre+ ONE? (OF | (OF (DET | EVERY)+)) pre* noun post*", cost=0.1)
-def _part_of(noun: Noun, outer: Sequence[Parts], pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
+def _part_of(noun: Noun, outer: Parts, pre: Parts = (), post: Parts = ()) -> Phrase:
     """Read "the second of the chairs in view", "two of the red chairs", "the left one of the two"."""
     no_reading_if(not noun.is_plural)
-    inner = tuple(part for part in flat(pre) if part.kind != "count")
-    parts = (*flat(outer), *inner, *flat(post))
+    inner = tuple(part for part in pre if part.kind != "count")
+    parts = (*outer, *inner, *post)
     several = any(part.kind == "count" and part.number > 1 for part in parts)
     phrase = select(replace(noun, is_plural=several), parts, some=not several)
     # "on one of the tables", "... by the bed": on any of them
-    any_ = not several and all(part.kind == "count" for part in flat(outer))
+    any_ = not several and all(part.kind == "count" for part in outer)
     return replace(phrase, any=any_, text=_CLOSEST_BESIDE.sub(r"\1", phrase.text) if any_ else phrase.text)
 
 
 @_rule("thing", "THAT ONE? &(WITH | WHERE | THAT | ON | IN | NEAR | BY | UNDER) post+", cost=0.5)
 @_rule("thing", "_dets pre* ONE (OF IT)? post*", "_dets pre* ones:ONES post*", cost=0.3)
-def _same_name(pre: Sequence[Parts] = (), post: Sequence[Parts] = (), ones: str = "") -> Phrase:
-    no_reading_if(any(part.kind == "other" and part.number for part in flat(post)))  # "not the big one, the other one"
-    return replace(select(None, (*flat(pre), *flat(post)), every=bool(ones)), among=True)
+def _same_name(pre: Parts = (), post: Parts = (), ones: str = "") -> Phrase:
+    no_reading_if(any(part.kind == "other" and part.number for part in post))  # "not the big one, the other one"
+    return replace(select(None, (*pre, *post), every=bool(ones)), among=True)
 
 
 @_rule("thing", "_dets outer:pre+ ONE? OF (IT | DET _number | DET+ pre+ ONES) !(NOUN | NOUNS | COLOR | SIZE)", cost=0.1)
-def _chosen_of_them(outer: Sequence[Parts], pre: Sequence[Parts] = ()) -> Phrase:
+def _chosen_of_them(outer: Parts, pre: Parts = ()) -> Phrase:
     """Read "the larger of the two", "the nearest of the red ones"."""
-    no_reading_if(not any(part.kind == "order" for part in flat(outer)))
+    no_reading_if(not any(part.kind == "order" for part in outer))
     return _same_name((*outer, *pre))
 
 
 # "a chair, not one at the counter"
 _rule("np", "ONE &(ON | IN | AT | BY | NEAR | UNDER | WITH) post+", cost=0.2)(
-    lambda post: replace(select(None, flat(post)), among=True, any=True, penalty=0.0)
+    lambda post: replace(select(None, post), among=True, any=True, penalty=0.0)
 )
 # "both bins, the kitchen one last"
-_rule("thing", "_dets room ONE post*", cost=0.2)(lambda room, post=(): select(None, (*_inside(room), *flat(post))))
+_rule("thing", "_dets room ONE post*", cost=0.2)(lambda room, post=(): select(None, (*_inside(room), *post)))
 
 
 @_rule("thing", "_dets ONE _at DET* (side SIDE? | MIDDLE)", cost=-0.1)
@@ -1261,11 +1250,11 @@ def _of_them_on(side: str = "middle") -> Phrase:
 
 
 @_rule("thing", "(DET+ | &ORD | &_room_too) pre+ !OF post*", cost=0.9)
-def _elided(pre: Sequence[Parts], post: Sequence[Parts] = ()) -> Phrase:
-    no_reading_if(any(part.kind == "vague" for part in flat(pre)))
+def _elided(pre: Parts, post: Parts = ()) -> Phrase:
+    no_reading_if(any(part.kind == "vague" for part in pre))
     # "in the south"
-    no_reading_if(not post and all(part.kind == "order" and part.text in _SIDES[2:6] for part in flat(pre)))
-    return select(None, (*flat(pre), *flat(post)))
+    no_reading_if(not post and all(part.kind == "order" and part.text in _SIDES[2:6] for part in pre))
+    return select(None, (*pre, *post))
 
 
 # "the westernmost, then the easternmost"
@@ -1273,33 +1262,29 @@ _rule("thing", "DET+ side:MOST !OF", cost=0.9)(lambda side: select(None, [Part("
 
 
 @_rule("thing", "_dets pre* of:NOUN POSS? (noun:NOUN | noun:NOUNS) post*", cost=0.6)
-def _compound(of: Noun, noun: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
+def _compound(of: Noun, noun: Noun, pre: Parts = (), post: Parts = ()) -> Phrase:
     """Read "the desk chair", "the desk's chair": the chair nearest the desk; "the bar counter" is one thing."""
     if of.label == noun.label:
-        return select(noun, (*flat(pre), *flat(post)))
+        return select(noun, (*pre, *post))
     note = f'"{of.spoken} {noun.spoken}" is read as the {noun.spoken} nearest the {of.spoken}'
     place = select(of, ())
-    ordered = any(part.kind == "order" for part in flat(post))  # "the book table closer to the counter"
+    ordered = any(part.kind == "order" for part in post)  # "the book table closer to the counter"
     beside = Part("near" if ordered else "order", place.argument if ordered else "near", phrase=place, note=note)
-    return select(noun, (*flat(pre), beside if ordered else replace(beside, of=place.measure), *flat(post)))
+    return select(noun, (*pre, beside if ordered else replace(beside, of=place.measure), *post))
 
 
 @_rule("thing", "_dets pre* noun (_is? ONLY | WITH ROOM)? FOR (n:whole | np) post*", cost=-0.2)
-def _for_so_many(
-    noun: Noun, n: int = 0, np: Phrase | None = None, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()
-) -> Phrase:
+def _for_so_many(noun: Noun, n: int = 0, np: Phrase | None = None, pre: Parts = (), post: Parts = ()) -> Phrase:
     """Read "a table for six", "... for six people": one with as many seats."""
     people = re.fullmatch(r'nearest\(\w+\("(?:person|people)"\), (\d+)\)', np.text) if np else None
     number = int(people[1]) if people else n
     no_reading_if(not number or noun.spoken.split()[-1] not in ("table", "desk"))
     seats = Phrase('things("seat")', 'things("seat")', "seat", True)
-    return select(noun, (*flat(pre), *_having_some(number, seats), *flat(post)))
+    return select(noun, (*pre, *_having_some(number, seats), *post))
 
 
 # "the sofa and its table"
-_rule("thing", "ITS pre* noun post*")(
-    lambda noun, pre=(), post=(): select(noun, (*flat(pre), Part("near", IT), *flat(post)))
-)
+_rule("thing", "ITS pre* noun post*")(lambda noun, pre=(), post=(): select(noun, (*pre, Part("near", IT), *post)))
 
 
 @_rule("thing", "THAT noun", cost=0.1)
@@ -1345,11 +1330,11 @@ _rule("np", "room", cost=0.05)(lambda room: room)
 
 
 @_rule("np", "(INDEF | ONE) pre+ noun post*", cost=-0.1)
-def _any_such(noun: Noun, pre: Sequence[Parts], post: Sequence[Parts] = ()) -> Phrase:
+def _any_such(noun: Noun, pre: Parts, post: Parts = ()) -> Phrase:
     """Read "a small table": any of the smaller ones, not the smallest."""
     parts = [
         Part("filter", f'sized({{}}, "{part.text}")') if part.kind == "order" and part.number == 1 else part
-        for part in (*flat(pre), *flat(post))
+        for part in (*pre, *post)
     ]
     return replace(select(noun, parts), any=True, penalty=0.0)
 
@@ -1482,9 +1467,9 @@ GRAMMAR.words(
 
 
 @_rule("room", "_dets pre+ name:room_name (&_told_by post)*", "_dets name:room_name (&_told_by post)+", cost=-0.1)
-def _room_told(name: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
+def _room_told(name: Noun, pre: Parts = (), post: Parts = ()) -> Phrase:
     """Read "the second largest room", "the bedroom with the desk", "the room next to the kitchen"."""
-    parts = (*flat(pre), *flat(post))
+    parts = (*pre, *post)
     if name.base == "rooms()" and any(part.kind == "order" and part.text in ("near", "far") for part in parts):
         name = replace(name, base='rooms("other")')  # the nearest one is not the one that the robot is in
     return select(name, parts)

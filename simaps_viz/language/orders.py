@@ -4,7 +4,7 @@ import re
 from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from simaps_viz.errors import CommandError
 from simaps_viz.language.grammar import no_reading, no_reading_if
@@ -23,7 +23,6 @@ from simaps_viz.language.nouns import (
     Part,
     Parts,
     Phrase,
-    flat,
     lent,
     quoted,
     refine,
@@ -128,10 +127,9 @@ for _name, _size in _METRES.items():
 
 @_rule(
     "distance",
-    "n:amount? SIZE? unit FURTHER? | n:NUM | "
-    "DET? half:HALF OF? DET? unit FURTHER? | (INDEF | OTHER) SIZE? (half:HALF (OF? DET)?)? unit | "
-    "(n:amount | DET)? quarter:QUARTER (OF DET)? "
-    "unit | few:SLIGHTLY | n:amount unit AND DET? half:HALF",
+    "n:amount? SIZE? unit FURTHER? | n:NUM | DET? half:HALF OF? DET? unit FURTHER? | (INDEF | OTHER) SIZE? (half:HALF "
+    "(OF? DET)?)? unit | (n:amount | DET)? quarter:QUARTER (OF DET)? unit | few:SLIGHTLY | n:amount unit AND DET? "
+    "half:HALF",
 )
 def _distance(n: float | None = None, unit: str = "", half: str = "", quarter: str = "", few: str = "") -> Measure:
     if few:
@@ -174,11 +172,10 @@ _words("_aim", "(WHERE | DET? ONE THAT?) HERE? (GO | NEED)+ (_prep | GO)* THEN? 
 
 @_rule(
     "order",
-    "_goer EITHER? _prep+ (_place _prep*)? WHERE? targets IS? | BACK _prep+ targets | APPROACH (_prep | STOP)* targets "
-    "| (_goer | APPROACH) WHERE targets IS+ | targets (COMMA | STOP)+ GO | NEED TO? targets VISITED? | _prep+ "
+    "_goer EITHER? _prep+ (_place _prep*)? WHERE? targets IS? | BACK _prep+ targets | APPROACH (_prep | STOP)* "
+    "targets | (_goer | APPROACH) WHERE targets IS+ | targets (COMMA | STOP)+ GO | NEED TO? targets VISITED? | _prep+ "
     "targets HERE? (GO | STAND) | !(ON | IN | AT) _prep+ targets | (GO STAND? | TAKE) _prep* targets:there | (targets "
-    "| targets:there) COMMA? IS _aim | "
-    "DET* GOAL (IS | COMMA | STOP)* targets",
+    "| targets:there) COMMA? IS _aim | DET* GOAL (IS | COMMA | STOP)* targets",
 )
 def _go_to(targets: tuple[Phrase, ...]) -> Steps:
     return _each("robot.move_to_{0.goal}", targets)
@@ -253,7 +250,7 @@ _rule("order", "_go _dets spot:SPOT WITH np", cost=-0.1)(
 )
 # "go somewhere to sit", "... something I can read, but not in the bedroom"
 _rule("order", "(_goer | APPROACH WHERE?)? place:PLACE (&(COMMA | BUT | EXCEPT) post)*")(
-    lambda place, post=(): _go_to((select(place, flat(post)),))
+    lambda place, post=(): _go_to((select(place, post),))
 )
 
 
@@ -263,11 +260,9 @@ _rule("order", "(_goer | APPROACH WHERE?)? place:PLACE (&(COMMA | BUT | EXCEPT) 
     "(_dets | every:EVERY (OF | DET)*) pre* noun post*",
     cost=-0.3,
 )
-def _go_at(
-    relation: Parts, noun: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = (), every: str | None = None
-) -> Steps:
+def _go_at(relation: Parts, noun: Noun, pre: Parts = (), post: Parts = (), every: str | None = None) -> Steps:
     """Read "on the east side of the table, go to the second chair from the south": one that is there."""
-    parts = [*relation, *flat((*pre, *post))]
+    parts = [*relation, *pre, *post]
     return _go_to((select(noun, parts, every=every is not None),))
 
 
@@ -429,9 +424,8 @@ def _go_short(order: Steps, short: Measure) -> Steps:
 @_rule(
     "order",
     "_go* (FORWARD | compass)* UNTIL (HERE IS?)? (LEVEL (WITH | TO)? np | NEAR np)",
-    "_go* (FORWARD | compass)* UNTIL (WITH np IS? (ON | TO | AT)+ DET* _lateral SIDE? | np IS ((ON | TO | "
-    "AT)+ DET* _lateral SIDE? (OF HERE)? | "
-    "NEAR HERE | LEVEL))",
+    "_go* (FORWARD | compass)* UNTIL (WITH np IS? (ON | TO | AT)+ DET* _lateral SIDE? | np IS ((ON | TO | AT)+ DET* "
+    "_lateral SIDE? (OF HERE)? | NEAR HERE | LEVEL))",
     cost=-0.4,
 )
 def _go_until_level(np: Phrase, compass: Sequence[float] = ()) -> Steps:
@@ -487,11 +481,7 @@ _rule("order", "lapped")(lambda lapped: lapped)
 _rule("order", "lapped COMMA? BACKTOO", cost=-0.7)(lambda lapped: (*lapped, *_home()))
 
 
-@_rule(
-    "order",
-    "_goer? FORWARD? TOWARD np (COMMA | BUT)* (ONLY | BY | FOR)* distance ONLY?",
-    cost=-0.3,
-)
+@_rule("order", "_goer? FORWARD? TOWARD np (COMMA | BUT)* (ONLY | BY | FOR)* distance ONLY?", cost=-0.3)
 @_rule("order", "_goer FORWARD? ((BY | FOR)? distance)? FORWARD? TOWARD np", "_goer distance NEAR np", cost=0.05)
 def _go_toward(np: Phrase, distance: Measure | None = None) -> Steps:
     if distance is None:
@@ -507,9 +497,8 @@ _rule("order", "(BACKUP | GO AWAY) (BY? distance)? FROM np (BY? distance)?")(
 _rule("order", "_goer? HALFWAY np")(lambda np: (Do(("robot.move_to(way({0.argument}))",), (np,)),))
 _rule(
     "order",
-    "(_along COMMA?)? (_goer? FROM (HERE | a:np) (TO | NEAR)+ | FROM (HERE | a:np) COMMA? _goer _prep+) np "
-    "(_along | COMMA? "
-    "back:BACKTOO (TO _np)?)?",
+    "(_along COMMA?)? (_goer? FROM (HERE | a:np) (TO | NEAR)+ | FROM (HERE | a:np) COMMA? _goer _prep+) np (_along | "
+    "COMMA? back:BACKTOO (TO _np)?)?",
     cost=-0.5,
 )(
     lambda np, a=None, back="": (
@@ -547,11 +536,7 @@ _rule(
 )(lambda a, b: _go_to((a, b, a)))
 
 
-@_rule(
-    "order",
-    "MAKE? ROUNDTRIP (COMMA | STOP)* _prep+ targets (COMMA? BACKTOO)?",
-    cost=-0.5,
-)
+@_rule("order", "MAKE? ROUNDTRIP (COMMA | STOP)* _prep+ targets (COMMA? BACKTOO)?", cost=-0.5)
 @_rule("order", "_go targets COMMA? BACKTOO", cost=-0.6)
 def _there_and_back(targets: tuple[Phrase, ...]) -> Steps:
     return (*_go_to(targets), *_home())
@@ -586,11 +571,10 @@ _UNSIDED: Final = "degrees without a side is read as a turn to the right"
 _words("_looking", "(GO | STAND)? FACE | LOOK | LOOK _prep+ | FACE _prep+ | TURN _prep* (LOOK | FACE) _prep*")
 _rule(
     "order",
-    "(_looking targets (COMMA? STILL)? | APPROACH targets COMMA? STILL) | "
-    "_turning AROUND? (TO | TOWARD)+ _looking? targets | _turning way? AROUND? "
-    "UNTIL HERE? (SEE | LOOK AT? | FACE) targets | _turning way? AROUND? (UNTIL | SO | THAT)+ targets IS "
-    "(FRONT HERE | FORWARD (OF HERE)? | VIEW | SEEN) | _turning AROUND _looking targets | "
-    "(KEEP | WITH) targets IS? (FRONT HERE | VIEW)",
+    "(_looking targets (COMMA? STILL)? | APPROACH targets COMMA? STILL) | _turning AROUND? (TO | TOWARD)+ _looking? "
+    "targets | _turning way? AROUND? UNTIL HERE? (SEE | LOOK AT? | FACE) targets | _turning way? AROUND? (UNTIL | SO "
+    "| THAT)+ targets IS (FRONT HERE | FORWARD (OF HERE)? | VIEW | SEEN) | _turning AROUND _looking targets | (KEEP | "
+    "WITH) targets IS? (FRONT HERE | VIEW)",
 )(lambda targets, way="": _each("robot.face({0})", targets, "face"))
 
 
@@ -641,11 +625,10 @@ _rule("way", "_prep* COUNTERCLOCKWISE")(lambda: "left")
 
 @_rule(
     "order",
-    "_turning way | _turning (BY | FOR | DET | FULL | COMMA)* angle TURN? COMMA? way? TURN? | "
-    "angle:portion (COMMA? way)? | "
-    "_looking way | MAKE (BY | DET)* angle? TURN? way (TURN | angle TURN)? | "
-    "MAKE DET? angle TURN? way? TURN? | way:hand | OTHER way TURN | "
-    "(BY | FOR)? angle TURN? way | _turning AROUND (BY | FOR)? angle way? | way TURN | MAKE DET? TURN way",
+    "_turning way | _turning (BY | FOR | DET | FULL | COMMA)* angle TURN? COMMA? way? TURN? | angle:portion (COMMA? "
+    "way)? | _looking way | MAKE (BY | DET)* angle? TURN? way (TURN | angle TURN)? | MAKE DET? angle TURN? way? TURN? "
+    "| way:hand | OTHER way TURN | (BY | FOR)? angle TURN? way | _turning AROUND (BY | FOR)? angle way? | way TURN | "
+    "MAKE DET? TURN way",
 )
 def _turn(angle: Measure | None = None, way: str = "") -> Steps:
     by = angle or Measure("90")
@@ -653,12 +636,7 @@ def _turn(angle: Measure | None = None, way: str = "") -> Steps:
     return (Do((f"robot.turn({by.negated if way == 'left' else by.text})",), (), notes),)
 
 
-@_rule(
-    "order",
-    "TURN (RIGHT | BACK | HALF)? (AROUND | BACK | BY)",
-    "(MAKE DET?)? UTURN",
-    cost=-0.1,
-)
+@_rule("order", "TURN (RIGHT | BACK | HALF)? (AROUND | BACK | BY)", "(MAKE DET?)? UTURN", cost=-0.1)
 def _turn_around() -> Steps:
     return (Do(("robot.turn(180)",)),)
 
@@ -812,7 +790,7 @@ _rule(
     "question",
     "EXIST? _count STOP? DET* np (IS | EXIST | DOES)* post* (HERE | SEE)? | _count np (DOES | IS | WITH)* "
     "DET* (MAP | HERE) (WITH | SEE)?",
-)(lambda np, post=(): _told(refine(np, flat(post)), "count"))
+)(lambda np, post=(): _told(refine(np, post), "count"))
 
 
 @_rule("question", "&EXCEPT besides:post (COMMA | STOP)? question", cost=0.2)
@@ -830,9 +808,9 @@ def _asked_there(question: Steps, relation: Parts = (), besides: Parts = ()) -> 
 
 
 @_rule("question", "HOWMANY (OF? IT | IS | EXIST)* ONES? post*", cost=0.3)
-def _how_many_more(post: Sequence[Parts] = ()) -> Steps:
+def _how_many_more(post: Parts = ()) -> Steps:
     """Read "... and how many in the kitchen?", "how many of them?" after "how many lamps are in the bedroom"."""
-    parts = flat(post)
+    parts = post
     return _told(select(None, parts, every=True) if parts else Phrase(IT, ONE, "thing"), "count")
 
 
@@ -1001,9 +979,8 @@ _rule("question", "INDEF np (HERE | ANYWHERE | BY)? &ASKED", cost=0.2)(lambda np
 _rule("question", "SEEQ np HERE?")(lambda np: _told(_changed(np, text=f"visible({np.text})"), "whether"))
 _rule(
     "question",
-    "IS np (ON | TO | AT)* DET* side (SIDE | OF | HERE)* OR (ON | TO | AT)* DET* _side (SIDE | OF | HERE)* | "
-    "IS np (BEHIND | FRONT) HERE? "
-    "OR (FRONT | BEHIND) HERE",
+    "IS np (ON | TO | AT)* DET* side (SIDE | OF | HERE)* OR (ON | TO | AT)* DET* _side (SIDE | OF | HERE)* | IS np "
+    "(BEHIND | FRONT) HERE? OR (FRONT | BEHIND) HERE",
     cost=-0.5,
 )(lambda np, side="": _told(np, "where"))
 
@@ -1028,11 +1005,7 @@ def _at_which_of_two(np: Phrase, a: Phrase, b: Phrase) -> Steps:
     return _told(_changed(both, f"having({both.text}, {np.argument})", both.notes + np.notes, many=False), "list")
 
 
-@_rule(
-    "question",
-    "IS np (ON | TO)* DET* side (SIDE | OF)* OR (ON | TO)* DET* _side SIDE? OF b:np",
-    cost=-0.6,
-)
+@_rule("question", "IS np (ON | TO)* DET* side (SIDE | OF)* OR (ON | TO)* DET* _side SIDE? OF b:np", cost=-0.6)
 def _on_which_side_of(np: Phrase, b: Phrase, side: str) -> Steps:
     """Read "is the stove left or right of the fridge?"."""
     compass = ', "compass"' if side in _COMPASS else ""
@@ -1044,9 +1017,9 @@ def _on_which_side_of(np: Phrase, b: Phrase, side: str) -> Steps:
 @_rule("question", "(IS | EXIST) of:np (ON | AT | BY | NEAR | IN) EVERY (OF | DET)* pre* noun", cost=-0.6)
 @_rule("question", "DOES (EVERY | BOTH) (OF | DET)* pre* noun WITH of:np _on_it?", cost=-0.2)
 @_rule("question", "IS (EVERY | BOTH) (OF | DET)* pre* noun NOT? (said:relation | said:adjective)", cost=-0.2)
-def _are_all(noun: Noun, pre: Sequence[Parts] = (), said: Parts = (), of: Phrase | None = None) -> Steps:
+def _are_all(noun: Noun, pre: Parts = (), said: Parts = (), of: Phrase | None = None) -> Steps:
     """Read "are all the chairs in the kitchen?", "do all the desks have a lamp?": no other one is, none is without."""
-    every = select(noun, flat(pre), every=True)
+    every = select(noun, pre, every=True)
     fitting = f"having({every.text}, {of.argument})" if of else refine(every, said).text
     other = _changed(every, f"minus({every.text}, {fitting})", every.notes + (of.notes if of else ()), many=False)
     return (Do(('tell(count({0.text}) == 0, "whether")',), (other,)),)
@@ -1205,10 +1178,7 @@ def _which_of_two(
     return _told(_changed(both, text), "which")
 
 
-@_rule(
-    "question",
-    "WHICH (ONE? OF DET*)? np | (WHICH ONE? | WHAT) IS (np | np:room IN? HERE)",
-)
+@_rule("question", "WHICH (ONE? OF DET*)? np | (WHICH ONE? | WHAT) IS (np | np:room IN? HERE)")
 def _which(np: Phrase) -> Steps:
     no_reading_if(np.free)
     chosen = np.text.startswith(("first(", "nth(", "nearest(", "farthest(", "last("))
@@ -1216,9 +1186,9 @@ def _which(np: Phrase) -> Steps:
 
 
 @_rule("question", "WHICH OF DET* pre* (noun | noun:room_name) post+", cost=-0.5)
-def _which_of_several_is(noun: Noun, post: Sequence[Parts], pre: Sequence[Parts] = ()) -> Steps:
+def _which_of_several_is(noun: Noun, post: Parts, pre: Parts = ()) -> Steps:
     """Read "which of the two bedrooms has more books?": one of them."""
-    parts = [part for part in flat((*pre, *post)) if part.kind != "count"]
+    parts = [part for part in (*pre, *post) if part.kind != "count"]
     no_reading_if(not any(part.kind == "order" for part in parts))
     return _which(select(replace(noun, is_plural=False), parts))
 
@@ -1226,9 +1196,9 @@ def _which_of_several_is(noun: Noun, post: Sequence[Parts], pre: Sequence[Parts]
 @_rule(
     "question", "WHICH (OF DET*)? pre* noun IS DET ONE (post+ | (ON | IN | TO) DET* (side SIDE? | MIDDLE))", cost=-0.1
 )
-def _which_is_the_one(noun: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = (), side: str = "middle") -> Steps:
+def _which_is_the_one(noun: Noun, pre: Parts = (), post: Parts = (), side: str = "middle") -> Steps:
     """Read "which oven is the one in the middle?", "which chair is the one by the door?"."""
-    parts = flat((*pre, *post)) or [Part("order", side)]
+    parts = (*pre, *post) or [Part("order", side)]
     return _which(select(replace(noun, is_plural=False), parts))
 
 
@@ -1246,9 +1216,10 @@ def _which_is_nearer(np: Phrase, of: Phrase, far: str = "") -> Steps:
 
 
 @_rule("question", "what:LIST (THAT | IS)* post+", cost=0.1)
+@_rule("question", "post:relation COMMA? what:WHAT (IS | EXIST | ON | IN | IT | HERE)*", cost=-0.2)
 @_rule("question", "LIST? what:WHAT (IS | EXIST | DOES | SEE | THAT)* post+ IS?")
-def _what_is(post: Sequence[Parts], what: str) -> Steps:
-    parts = [*flat(post)]
+def _what_is(post: Parts, what: str) -> Steps:
+    parts = [*post]
     # "what is on the table besides the book?" leaves out books, not a table
     no_reading_if(not parts or any(part.phrase and part.phrase.greedy and not part.outer for part in parts))
     if "else" in what.split():  # "what else is on the counter with the microwave?"
@@ -1271,10 +1242,6 @@ def _what_hangs_over(np: Phrase) -> Steps:
     return _told(select(Noun("thing", "thing on the wall"), (Part("filter", over, phrase=np),)), "what")
 
 
-# "on the desk, what is there?"
-_rule("question", "relation COMMA? what:WHAT (IS | EXIST | ON | IN | IT | HERE)*", cost=-0.2)(
-    lambda relation, what: _what_is([relation], what)
-)
 # "which object is at (10, 3.1)?"
 _rule("question", "(WHICH | WHAT) np? (IS | EXIST)* (AT | NEAR | ON | TO)+ DET* POINT? x:NUM COMMA? y:NUM", cost=-0.8)(
     lambda x, y, np=EVERYTHING: _told(
@@ -1311,9 +1278,8 @@ _rule(
 
 @_rule(
     "question",
-    "HOWFAR AWAY? APART? (IS IT?)? (FROM | BETWEEN)? a:np AWAY? (TO | FROM | AND | UNTIL) b:np APART? | "
-    "HOWFAR AWAY? FROM a:np IS b:np | (WHAT IS)? "
-    "DET? DISTANCE (BETWEEN | FROM)? a:np (AND | TO) b:np",
+    "HOWFAR AWAY? APART? (IS IT?)? (FROM | BETWEEN)? a:np AWAY? (TO | FROM | AND | UNTIL) b:np APART? | HOWFAR AWAY? "
+    "FROM a:np IS b:np | (WHAT IS)? DET? DISTANCE (BETWEEN | FROM)? a:np (AND | TO) b:np",
     cost=-0.1,
 )
 def _how_far_apart(a: Phrase, b: Phrase) -> Steps:
@@ -1344,9 +1310,9 @@ _rule(
 
 
 @_rule("question", "IS np adjective OR (more:adjective OR?)+", cost=-0.2)
-def _which_color(np: Phrase, adjective: Parts, more: Sequence[Parts]) -> Steps:
+def _which_color(np: Phrase, adjective: Parts, more: Parts) -> Steps:
     """Read "is the bed red or blue?"."""
-    no_reading_if(any(not part.text.startswith("colored(") for parts in (adjective, *more) for part in parts))
+    no_reading_if(any(not part.text.startswith("colored(") for part in (*adjective, *more)))
     return _what_color(np)
 
 
@@ -1545,13 +1511,7 @@ _words(
 )
 
 
-@_rule(
-    "done",
-    "order ((COMMA | STOP)? times)?",
-    "order n:ORD",
-    "ONLY &_verb order",
-    "order COMMA? said:NOWAIT",
-)
+@_rule("done", "order ((COMMA | STOP)? times)?", "order n:ORD", "ONLY &_verb order", "order COMMA? said:NOWAIT")
 def _times(order: Steps, times: int = 1, n: int = 1, said: str = "instead") -> Steps:
     no_reading_if(n != 1 or said not in ("instead", "rather"))  # "look at the sofa first"
     if not 1 <= times <= _MAX_TIMES:
@@ -1603,20 +1563,27 @@ def _just_turn(order: Steps) -> Steps:
     return order
 
 
+class _Marked(NamedTuple):
+    """Steps, and which of all they are: from 1, -1 the last, 0 where that was not said."""
+
+    rank: int
+    steps: Steps
+
+
 @_rule("marked", "(n:ORD | last:LASTLY) STAND? (IS | COMMA)* (done | wanted)", cost=0.1)
 @_rule("marked", "DET* goal:GOAL (IS | COMMA | STOP)* wanted", cost=-0.5)
 @_rule("marked", "(done | wanted) (IS | GO)? (n:ORD | last:LASTLY | next:AFTER !_np)")
 @_rule("marked", "STARTWITH wanted | last:ENDWITH wanted", "done")
 def _marked(
     done: Steps = (), wanted: Steps = (), n: int = 0, last: str = "", goal: str = "", next: str = ""
-) -> tuple[int, Steps]:
+) -> _Marked:
     """Read "first the fridge", "the fridge comes last", "end at the fridge": a step, and which one it is."""
     no_reading_if(goal and not re.search(r"last|final", goal))
-    return -1 if last or goal else n or int(not (done or next)), done or wanted
+    return _Marked(-1 if last or goal else n or int(not (done or next)), done or wanted)
 
 
 @_rule("logical", "one:marked (_mid+ more:marked)+ !(_mid+ _marked)", cost=-0.3)
-def _as_marked(one: tuple[int, Steps], more: Sequence[tuple[int, Steps]]) -> Steps:
+def _as_marked(one: _Marked, more: Sequence[_Marked]) -> Steps:
     """Read "end at the fridge, but start with the sink", "toilet first, suitcase second, refrigerator last"."""
     marked = (one, *more)
     ranks = [rank for rank, _ in marked]
@@ -1705,9 +1672,9 @@ _rule("if", "IFKNOWN DET? OF? np ANYWHERE?")(_exists)
 
 
 @_rule("body", "done ((COMMA | AND | THEN | BUT)+ more:done)*", "question")
-def _body(done: Steps = (), question: Steps = (), more: Sequence[Steps] = ()) -> Steps:
+def _body(done: Steps = (), question: Steps = (), more: Steps = ()) -> Steps:
     """Read what is done on a condition, up to the end of a sentence."""
-    return (*done, *question, *(step for steps in more for step in steps))
+    return (*done, *question, *more)
 
 
 @_rule("logical", "condition:if (COMMA | THEN)* said:HALT _mayhap OTHERWISE COMMA? b:body", cost=-0.3)
@@ -1717,11 +1684,7 @@ def _if_stop_there(condition: Condition, said: str, b: Steps) -> Steps:
     return _if(condition, _go_to(_there()), b)
 
 
-@_rule(
-    "logical",
-    "condition:if ((COMMA | STOP? THEN)+ | &_verb) a:body (_otherwise b:body)?",
-    cost=-0.2,
-)
+@_rule("logical", "condition:if ((COMMA | STOP? THEN)+ | &_verb) a:body (_otherwise b:body)?", cost=-0.2)
 @_rule("logical", "condition:if ((COMMA | THEN)+ | &_verb) a:items (_otherwise b:items)?")
 def _if(condition: Condition, a: Steps, b: Steps = ()) -> Steps:
     """Read "if there is a dog go to it, and if there is none, go to the tv": one beside the other."""
@@ -1885,16 +1848,11 @@ def _but(b: Steps, not_: Steps = ()) -> Steps:
 @_rule("introduced", "LOOK AT? _dets row:ROW OF _dets pre* noun (post | IT)*")
 @_rule("introduced", "LOOK AT? _dets &(pre* NOUNS) pre* noun (post | IT)* &(STOP (GO | TAKE | APPROACH))")
 def _introduced(
-    noun: Noun,
-    pre: Sequence[Parts] = (),
-    relation: Sequence[Parts] = (),
-    post: Sequence[Parts] = (),
-    row: str = "",
-    exist: str = "there",
+    noun: Noun, pre: Parts = (), relation: Parts = (), post: Parts = (), row: str = "", exist: str = "there"
 ) -> Phrase:
     """Read "at the long table there are two chairs side by side", "the row of chairs in front of the counter"."""
     no_reading_if(exist.split(maxsplit=1)[0] in _ASKS)
-    parts = [*flat((*pre, *relation, *post))]
+    parts = [*pre, *relation, *post]
     if row:  # what stands in a row along something is next to it
         parts += [Part("filter", f"near({{}}, {part.of})") for part in parts if part.kind == "filter" and part.of]
     return select(noun, parts)
@@ -2072,15 +2030,22 @@ def _of_numbered(np: Phrase, n: int, noun: Noun | None = None) -> Steps:
     return _go_to((replace(np, text=f"nth({np.text}, {n})", many=False, whole=""),))
 
 
+class _Next(NamedTuple):
+    """A further item, and whether a word joins it to those before: not by a comma alone; None where nothing stands."""
+
+    joint: bool | None
+    steps: Steps
+
+
 _words("_forth", "FORWARD distance")
 _rule("next", "(COMMA | AND | THEN | STOP | BUT)* (AND | THEN) (COMMA | AND | THEN | STOP | BUT)* item")(
-    lambda item: (True, item)
+    lambda item: _Next(True, item)
 )
-_rule("next", "(COMMA | STOP | BUT)+ item")(lambda item: (False, item))
-_rule("next", "&(_verb | _forth) item")(lambda item: (None, item))
+_rule("next", "(COMMA | STOP | BUT)+ item")(lambda item: _Next(False, item))
+_rule("next", "&(_verb | _forth) item")(lambda item: _Next(None, item))
 
 
-def _alike(item: Steps, next: Sequence[tuple[bool | None, Steps]]) -> Iterator[tuple[bool | None, Steps]]:
+def _alike(item: Steps, next: Sequence[_Next]) -> Iterator[_Next]:
     """Read "do the living room one first and then the bedroom": the one of that room, too."""
     before = item[-1]
     for joint, more in next:
@@ -2090,7 +2055,7 @@ def _alike(item: Steps, next: Sequence[tuple[bool | None, Steps]]) -> Iterator[t
             told = f"inside({ONE}, {one.phrases[0].text})"
             one = replace(one, phrases=(replace(last, text=told, whole=told),))
         steps = (one, *more[1:])
-        yield joint, steps
+        yield _Next(joint, steps)
         before = steps[-1]
 
 
@@ -2120,7 +2085,7 @@ def _is_driven(step: Do) -> bool:
 
 
 @_rule("items", "item next*")
-def _items(item: Steps, next: Sequence[tuple[bool | None, Steps]] = ()) -> Steps:
+def _items(item: Steps, next: Sequence[_Next] = ()) -> Steps:
     named = [isinstance(step, Do) and not step.verb for step in (item[-1], *(steps[0] for _, steps in next))]
     joined = any(joint for joint, _ in next)
     next = [*_alike(item, next)]

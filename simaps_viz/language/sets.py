@@ -16,7 +16,7 @@ a phrase of the meaning comes to:
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import cached_property, partialmethod
+from functools import cached_property
 from typing import Any, Final
 
 import cv2
@@ -1046,7 +1046,13 @@ class Sets(Grounding):
         kept = [k for k in range(len(items)) if np.isfinite(apart[k]) and (room is None or items[k] is not room)]
         return replace(found, items=tuple(items[k] for k in kept)), sign * apart[kept]
 
-    def _few(self, S: Named, n: int, of: Any, key: str) -> Things:
+    def _nearest(self, S: Named, n: int, of: Any) -> Things:
+        return self._few(S, "near", n, of)
+
+    def _farthest(self, S: Named, n: int, of: Any) -> Things:
+        return self._few(S, "far", n, of)
+
+    def _few(self, S: Named, key: str, n: int, of: Any) -> Things:
         found = self.set_of(S)
         found.expect(n)
         ranked = self._order(found, key, of)
@@ -1057,8 +1063,6 @@ class Sets(Grounding):
             )
         chosen = self._first(ranked, n)
         return self._with_surer(chosen, ranked.items) if key == "near" else chosen
-
-    _nearest, _farthest = partialmethod(_few, key="near"), partialmethod(_few, key="far")
 
     def _with_surer(self, chosen: Things, ranked: Sequence[Any]) -> Things:
         """Return the nearest with the nearest that is not doubtful, if itself is."""
