@@ -254,11 +254,22 @@ def test_questions_logic_and_relations(said: str, program: str) -> None:
          'robot.move_to_object("couch")\n'
          'robot.move_to_object(minus(things("chair"), inside(things("chair"), room())))'),
         ("run this milk over to the couch", 'robot.move_to_object("couch")'),
+        ("show me all three chairs, one after the other",
+         'for chair in nearest(things("chair"), 3):\n'
+         '    robot.move_to_object(chair)'),
+        ("how many chairs are in all rooms except the kitchen and the hall?",
+         'tell(inside(things("chair"), minus(minus(rooms(), room("kitchen")), room("hall"))), "count")'),
     ],
 )  # fmt: skip
 def test_what_a_clause_speaks_of_is_what_english_makes_it(said: str, program: str) -> None:
     labels = {"chair": 3, "dining table": 2, "couch": 1, "potted plant": 1}
     assert read_command(said, labels).program == program
+
+
+def test_a_toilet_alone_is_the_thing_where_the_map_has_one() -> None:
+    for labels, goal in ((("toilet", "couch"), '"toilet"'), (("couch",), 'room("bathroom")')):
+        program = read_command("Toilet, then the sofa", labels).program
+        assert program == f'robot.move_to_object({goal})\nrobot.move_to_object("couch")'
 
 
 def test_a_verb_takes_a_bare_name_unless_it_would_move_the_thing() -> None:
