@@ -41,6 +41,7 @@ def test_masks_are_switched_stepped_and_thresholds_tried(bench):
     assert len(panel.masks.segments) == 1
     page.get_by_text("As the map was built", exact=True).click()
     until(page, lambda: len(panel.masks.segments) == 2)
+    expect(page.get_by_text("Change: −1 floor")).not_to_be_visible()  # what is below it moves up
     page.get_by_text("Classes: 2 of 2 segments shown").click()
     page.get_by_text("None", exact=True).click()
     see(page, "Classes: 0 of 2 segments shown")
