@@ -1175,7 +1175,7 @@ def _which_of_two(
     text = f'first(order({both.text}, "{key}"))'
     if than:
         text = f"{'nearest' if key == 'near' else 'farthest'}({both.text}, 1, {than.measure})"
-    return _told(_changed(both, text), "which")
+    return _told(_changed(both, text, both.notes + (than.notes if than else ())), "which")
 
 
 @_rule("question", "WHICH (ONE? OF DET*)? np | (WHICH ONE? | WHAT) IS (np | np:room IN? HERE)")

@@ -392,6 +392,8 @@ def test_a_thing_the_map_has_not_is_searched_for_by_its_name() -> None:
 
 def test_synonyms_are_noted() -> None:
     assert read_command("go to the sofa", LABELS).notes == ('"sofa" is read as couch',)
+    both = read_command("which is nearer to the sofa, the chair or the table?", LABELS)
+    assert '"sofa" is read as couch' in both.notes
     assert read_command("go to the couches", LABELS).notes == ()
     assert "no distance was said: 1 m" in read_command("go forward", LABELS).notes
 
