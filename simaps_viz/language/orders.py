@@ -810,8 +810,7 @@ def _asked_there(question: Steps, relation: Parts = (), besides: Parts = ()) -> 
 @_rule("question", "HOWMANY (OF? IT | IS | EXIST)* ONES? post*", cost=0.3)
 def _how_many_more(post: Parts = ()) -> Steps:
     """Read "... and how many in the kitchen?", "how many of them?" after "how many lamps are in the bedroom"."""
-    parts = post
-    return _told(select(None, parts, every=True) if parts else Phrase(IT, ONE, "thing"), "count")
+    return _told(select(None, post, every=True) if post else Phrase(IT, ONE, "thing"), "count")
 
 
 @_rule("question", "HOWMANY SEATED relation", cost=-0.5)

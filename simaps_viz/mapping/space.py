@@ -543,7 +543,7 @@ def _below_meeting(
 def first_of_cells(cell: NDArray, cells: int) -> NDArray:
     """Return the first node of each cell, int32 [cells + 1], of the cell of each node, int32 [n], ascending.
 
-    NumPy's bincount and cumsum take five times the memory, which is a building's peak.
+    A large building's memory peaks here, and NumPy's bincount and cumsum would take five times as much.
     """
     first = np.zeros(cells + 1, np.int32)
     for c in cell:
