@@ -34,7 +34,7 @@ from simaps_viz.events import (
     Observer,
     notify,
 )
-from simaps_viz.geometry import invert_pose, map_from_world
+from simaps_viz.geometry import invert_pose, map_from_world, upright_turns
 from simaps_viz.live.forgetting import Forgetting
 from simaps_viz.live.relocalise import Placement, as_steps, find_placement
 from simaps_viz.live.source import Correction, Shot, Source, Traffic
@@ -669,9 +669,11 @@ class _Masks:
         return [] if busy is None else [busy.result()]
 
     def _segment(self, shot: Shot, growing: GrowingMap) -> Shot:
-        color, network = shot.frame.color, self._network
-        assert color is not None
-        found = network.decode(network.infer(network.prepare(color)), *color.shape[:2])
-        if self._by_geometry and growing.T_map_world is not None:
-            found = add_stuff(shot.frame, found, growing.T_map_world @ shot.frame.T_world_camera)
-        return replace(shot, segmentation=found)
+        T_map_world, network = growing.T_map_world, self._network
+        turns = 0 if T_map_world is None else upright_turns(T_map_world @ shot.frame.T_world_camera)
+        upright = shot.frame.turned(turns)
+        assert upright.color is not None
+        found = network.decode(network.infer(network.prepare(upright.color)), *upright.color.shape[:2])
+        if self._by_geometry and T_map_world is not None:
+            found = add_stuff(upright, found, T_map_world @ upright.T_world_camera)
+        return replace(shot, segmentation=found.turned(-turns))

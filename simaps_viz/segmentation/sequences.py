@@ -35,7 +35,7 @@ class _Shown(NamedTuple):
 
     index: int
     frame: Frame | None
-    """Where floor and walls are named by geometry."""
+    """Turned as well, where floor and walls are named by geometry."""
     shape: tuple[int, int]
     turns: int
     """Quarter turns that made the picture stand upright."""
@@ -44,8 +44,8 @@ class _Shown(NamedTuple):
 
 
 def _prepared(sequence: PosedFrames, network: Network, index: int, *, by_geometry: bool) -> _Shown:
-    frame, turns = sequence.read(index) if by_geometry else None, quarter_turns(sequence, index)
-    color = turned(sequence.color(index), turns)
+    turns = quarter_turns(sequence, index)
+    frame, color = sequence.read(index).turned(turns) if by_geometry else None, turned(sequence.color(index), turns)
     return _Shown(index, frame, color.shape[:2], turns, network.prepare(color))
 
 
@@ -54,10 +54,10 @@ def _inferred(network: Network, shown: _Shown) -> _Shown:
 
 
 def _decoded(sequence: PosedFrames, network: Network, shown: _Shown) -> Segmentation:
-    found = network.decode(shown.tensors, *shown.shape).turned(-shown.turns)
-    if shown.frame is None:
-        return found
-    return add_stuff(shown.frame, found, sequence.T_map_world @ shown.frame.T_world_camera)
+    found = network.decode(shown.tensors, *shown.shape)
+    if shown.frame is not None:
+        found = add_stuff(shown.frame, found, sequence.T_map_world @ shown.frame.T_world_camera)
+    return found.turned(-shown.turns)
 
 
 class FrameTuner:

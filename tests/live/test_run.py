@@ -7,8 +7,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from checked_sequences import drawn_room
 from fake_page import fake_page
-from sequences import CELL_M, write_tiny_sequence
+from sequences import CELL_M, lying, write_tiny_sequence
+from tiny_networks import TopNetwork
 from waiting import until
 
 from simaps_viz import open_sequence
@@ -51,6 +53,17 @@ def test_a_sequence_played_to_its_end_makes_the_map_of_its_build(tiny, tmp_path,
     same(simap, build_map(tiny, config))
     same(load_map(tmp_path / "live.npz"), simap)
     assert run.traffic.placed == run.traffic.named == FRAMES and simap.instances
+
+
+@pytest.mark.parametrize("turns", [1, 2, 3])
+def test_a_camera_that_lies_on_its_side_makes_the_map_of_one_that_stands_upright(tmp_path, turns):
+    room, network = open_sequence(drawn_room(tmp_path / "room", frames=3)), TopNetwork()
+    upright, lain = (
+        live(PlayedSequence(one, at_pace=False, network=network), tmp_path, network=network, every_frame=True)[0]
+        for one in (room, lying(room, turns))
+    )
+    assert "lamp" in {upright.grid.labels[k] for k in np.unique(upright.grid.label)}
+    assert (lain.grid.label != upright.grid.label).mean() < 0.003  # of pixels equally high, another one is the first
 
 
 def test_frames_that_are_late_show_what_is_free_and_name_nothing(tiny, tmp_path, monkeypatch):
