@@ -297,7 +297,10 @@ def ray_on_points(positions: NDArray, origin: ArrayLike, direction: ArrayLike) -
 
 
 def stack_at(simap: SIMap, x_m: float, y_m: float) -> dict[int, float]:
-    """Return {instance: height of its highest point in the cell of a place} from top to floor; none without voxels."""
+    """Return {instance: height of its highest point in the cell of a place} from top to floor; none without voxels.
+
+    The first is the one that the map shows there, whatever else was seen as high.
+    """
     if not has_voxels(simap):
         return {}
     points, half = space_points(simap), simap.spec.cell_size_m / 2
@@ -308,7 +311,8 @@ def stack_at(simap: SIMap, x_m: float, y_m: float) -> dict[int, float]:
     found: dict[int, float] = {}
     for at in np.flatnonzero(here)[np.argsort(-positions[here, 2], kind="stable")].tolist():
         found.setdefault(int(points.instances[at]), float(positions[at, 2]))
-    return found
+    on_top = int(simap.instance[row, col]) if simap.spec.contains(row, col) else 0
+    return {on_top: found.get(on_top, float(simap.grid.height_m[row, col])), **found} if on_top else found
 
 
 def instance_near(simap: SIMap, place_m: tuple[float, float, float]) -> int | None:

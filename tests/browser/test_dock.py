@@ -393,7 +393,8 @@ def test_on_a_phone_it_opens_in_sight_and_a_finger_still_finds_the_page(opened, 
         assert header.evaluate(back) == "none"
         mine(opened.bench).unfold_recording()  # as Show frame does
         expect(header).to_have_attribute("aria-expanded", "true")
-        page.get_by_role("tab", name="Build", exact=True).tap()
+        build = page.get_by_role("tab", name="Build", exact=True)
+        build.tap()
         expect(header).to_have_attribute("aria-expanded", "false")
-        until(page, lambda: box(top)["y"] > 860 - 387)
+        until(page, lambda: 860 - 387 <= box(build)["y"] < 860 - 387 + 30)  # the tabs are at the top of the sheet
     until(opened.page, lambda: len(opened.bench.sessions) == 1)

@@ -40,6 +40,8 @@ def test_escape_selects_nothing_wherever_the_focus_is(bench, page, focused):
     select_chair_1(page, bench)
     if focused == "button":
         page.get_by_role("button", name="Light / dark", exact=True).click()
+        page.mouse.move(1, 1)
+        page.get_by_role("button", name="Light / dark", exact=True).hover()
         expect(page.get_by_role("tooltip")).to_be_visible()
     else:
         page.get_by_label("Draw joints").first.click()

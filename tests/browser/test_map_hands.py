@@ -106,6 +106,13 @@ HEADING = """() => {
 }"""
 
 
+DISC = """() => {
+  const disc = document.querySelector('.simaps-heading :nth-child(2)');
+  const { stroke, strokeWidth } = getComputedStyle(disc);
+  return { stroke, rim: parseFloat(strokeWidth) / 2, width: disc.getBoundingClientRect().width };
+}"""
+
+
 def test_an_arrow_as_large_at_every_zoom_shows_where_the_robot_looks(bench, page):
     session, wheel = mine(bench), 0
     for heading, wheel in ((90.0, 0), (180.0, 0), (270.0, 480), (0.0, -960)):
@@ -115,6 +122,11 @@ def test_an_arrow_as_large_at_every_zoom_shows_where_the_robot_looks(bench, page
         page.mouse.wheel(0, wheel)
         at_rest(page)
         ahead = np.array([np.sin(np.radians(heading)), -np.cos(np.radians(heading))])  # on the screen, y down
+
+        disc = page.evaluate(
+            DISC
+        )  # as large as the robot at least, rimmed in white, which is seen on a photo of any colour
+        assert disc["stroke"] == "rgb(255, 255, 255)" and disc["width"] >= 28 and disc["rim"] >= 2
 
         def seen(ahead=ahead):
             x, y, long = page.evaluate(HEADING)
@@ -170,6 +182,46 @@ def test_no_name_stands_on_the_middle_of_another_larger_object(browser):
             return {refrigerator.name, plant.name} <= set(names(page))
 
         until(page, both_are_named)
+
+
+def test_of_a_class_shown_alone_all_are_named_where_their_names_have_room_and_what_is_long_has_its_name(browser):
+    row = [["refrigerator", 2.0, y, 2.35, y + 0.4, 1.8] for y in (2.0, 2.9, 3.8)]
+    beside = [["suitcase", 2.4, y, 2.9, y + 0.45, 0.6] for y in (2.0, 2.9, 3.8)]  # larger, and their middles are near
+    things = [*row, *beside, ["coffee table", 6.0, 2.0, 6.4, 3.5, 0.4]]
+    simap = furnished_map({"size_m": [8, 8], "walls": [], "things": things})
+    fridges, (table,) = {one.name for one in simap.of_class("refrigerator")}, simap.of_class("coffee table")
+    assert len(fridges) == 3
+    with (
+        Workbench(simap, services=toy_services(), port=free_port(), start=Pose2(4.0, 6.0, 0.0)) as bench,
+        watched_page(browser) as page,
+    ):
+        open_workbench(page, bench)
+        until(page, lambda: table.name in names(page))
+        assert not fridges & set(names(page))
+        mine(bench).panels[MapPanel].show_only("refrigerator")
+        until(page, lambda: set(names(page)) == fridges)
+        boxes = page.evaluate(BOXES)
+        assert all(apart(a, b) for a, b in combinations(boxes, 2))
+
+
+def test_a_neighbour_with_a_number_is_outlined_and_named_once_with_a_line_to_it_where_it_is_away(bench, page):
+    session, chair, couch = mine(bench), bench.simap.by_id(1), bench.simap.of_class("couch")[0]
+    until(page, lambda: couch.name in names(page))
+    x, y, _ = couch.centroid_m
+    far = Label("couch · 3 %", x, y, 1.5, 1.5, away_x=-1.0, id=couch.id)
+    session.scene.texts.show("why", [far])
+    until(page, lambda: [one["text"] for one in page.evaluate(TEXTS)] == ["couch · 3 %"])
+    assert couch.name not in names(page) and chair.name != couch.name
+    (x0, y0, _), (_, y1, _) = couch.aabb_m
+    until(page, lambda: drawn(page, place_on(page, bench.simap, x0, (y0 + y1) / 2)))
+    text = page.evaluate(TEXTS)[0]
+    end = np.array([text["left"], (text["top"] + text["bottom"]) / 2])
+    middle = np.array(place_on(page, bench.simap, x, y))
+    end[0] = min(max(middle[0], text["left"]), text["right"])
+    end[1] = min(max(middle[1], text["top"]), text["bottom"])
+    until(page, lambda: all(drawn(page, end + share * (middle - end)) for share in (0.2, 0.4, 0.6, 0.8)))
+    session.scene.texts.show("why", ())
+    until(page, lambda: couch.name in names(page))
 
 
 TEXTS = """() => [...document.querySelectorAll('.simaps-text')].filter((one) => one.checkVisibility())

@@ -252,6 +252,24 @@ def test_on_a_phone_fingers_find_buttons_and_thumbs_and_a_tap_beside_objects_is_
         until(page, lambda: session.selected is None)
 
 
+def test_on_a_phone_a_tab_that_is_tapped_has_the_whole_sheet_unless_something_is_looked_for(browser, bench):
+    with watched_page(browser, 420, 860, has_touch=True, is_mobile=True) as page:
+        open_workbench(page, bench)
+
+        def below_the_map(title):
+            """How far the row of tabs is below the map, pixels: what is above the tabs takes 100 of the 390."""
+            row, canvas = page.get_by_role("tab", name=title, exact=True).bounding_box(), page.locator("canvas").first
+            return row["y"] - canvas.bounding_box()["y"] - canvas.bounding_box()["height"]  # pyright: ignore[reportOptionalSubscript]
+
+        assert below_the_map("Map") > 60
+        for title in ("Errors", "Instance", "Command", "Map"):
+            page.get_by_role("tab", name=title, exact=True).tap()
+            until(page, lambda title=title: 0 <= below_the_map(title) < 30)
+        page.locator("textarea[aria-label=Find]").fill("chair\n")
+        expect(page.get_by_role("tab", name="Instance", exact=True)).to_have_attribute("aria-selected", "true")
+        until(page, lambda: below_the_map("Instance") > 60)  # its line says what was found
+
+
 def test_a_hint_stands_beside_the_panels_and_covers_nothing_of_them(page):
     tab(page, "Map")
     page.get_by_role("button", name="Help", exact=True).or_(page.get_by_text("Help", exact=True)).first.hover()
@@ -259,6 +277,36 @@ def test_a_hint_stands_beside_the_panels_and_covers_nothing_of_them(page):
     expect(hint).to_contain_text("Keys, mouse, tabs and words")
     strip, found = page.locator("[data-dock-strip]").first.bounding_box(), hint.bounding_box()
     assert found["x"] > 0 and found["x"] + found["width"] < strip["x"] and found["width"] > 100
+
+
+def test_a_hint_does_not_open_after_a_press_until_the_pointer_has_left(page):
+    tab(page, "Command")
+    step, hint = page.get_by_role("button", name="Step", exact=True), page.get_by_role("tooltip")
+    step.click()  # before its hint has opened
+    page.wait_for_timeout(1500)
+    expect(hint).to_be_hidden()
+    page.get_by_label("Command", exact=True).hover()
+    step.hover()
+    expect(hint).to_contain_text("run one line of the program")
+
+
+def test_what_is_selected_is_told_on_the_map_beside_any_tab_with_a_way_to_more(bench, page):
+    session, about = mine(bench), page.locator(".simaps-about")
+    chair = session.simap.by_id(CHAIR_1)
+    for title in ("Errors", "Command"):
+        tab(page, title)
+        expect(about).to_be_hidden()
+        page.mouse.click(*place_on(page, session.simap, *chair.centroid_m[:2]))
+        area = chair.area_m2(session.simap.spec.cell_size_m)
+        expect(about).to_have_text(f"chair 1 · {area:.2f} m² · confidence {chair.score:.2f} · more")
+        expect(about).to_be_visible()
+        expect(page.get_by_role("tab", name=title, exact=True)).to_have_attribute("aria-selected", "true")
+        about.click()
+        expect(page.locator(".simaps-selected", has_text="chair 1")).to_be_visible()
+        expect(about).to_be_hidden()  # the tab says it
+        assert session.selected == CHAIR_1
+        page.keyboard.press("Escape")
+        until(page, lambda: session.selected is None)
 
 
 def test_space_presses_the_button_that_has_the_focus_and_does_not_play(bench, page):

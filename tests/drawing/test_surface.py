@@ -8,6 +8,7 @@ from toy_maps import toy_map
 from toy_surfaces import BROWN, GREEN, GREY, PLANT, RED, toy_with_surface
 
 from simaps_viz.colors.instances import instance_colors
+from simaps_viz.drawing import surface
 from simaps_viz.drawing.legend import facts_html, not_counted, object_names
 from simaps_viz.drawing.surface import (
     DIMMED,
@@ -113,7 +114,7 @@ def test_a_ray_meets_the_first_point_also_under_the_table(simap):
     assert ray_on_points(points.positions[:0], (x, y, 3.0), (0, 0, -1.0)) is None
 
 
-def test_a_place_lists_what_is_there_from_top_to_floor(simap):
+def test_a_place_lists_what_is_there_from_top_to_floor(simap, monkeypatch):
     table = table_of(simap)
     place = place_of(simap, PLANT)
     assert place is not None
@@ -123,6 +124,12 @@ def test_a_place_lists_what_is_there_from_top_to_floor(simap):
     assert instance_near(simap, (x, y, z)) == PLANT and instance_near(simap, (x, y, 0.76)) == table.id
     assert instance_near(simap, (x, y, 0.0)) is None  # floor
     assert stack_at(toy_map(), x, y) == {} and stack_at(simap, 1.0, 0.5) == {}
+    points = simap.points()
+    swapped = np.select([points.instances == PLANT, points.instances == table.id], [table.id, PLANT], points.instances)
+    monkeypatch.setattr(surface, "space_points", lambda _: replace(points, instances=swapped))
+    stack = stack_at(simap, x, y)  # whatever was seen as higher: the map shows the table, and a click selects it
+    assert list(stack) == [table.id, PLANT] and list(stack.values()) == pytest.approx([0.425, 0.775])
+    monkeypatch.undo()
     assert place_of(simap, 12345) is None
 
 

@@ -20,6 +20,7 @@ from simaps_viz.errors import InputError
 from simaps_viz.evaluation.two_maps import TRUTH, Source, compare_two
 from simaps_viz.mapping.simap import repartition
 from simaps_viz.viewer.page.shared import keep_numbers, same_instances
+from simaps_viz.viewer.panels import map as map_panel
 from simaps_viz.viewer.panels.command import CommandPanel
 from simaps_viz.viewer.panels.compare import MethodPanel, item_text, method_panel
 from simaps_viz.viewer.panels.help import HelpPanel
@@ -33,7 +34,7 @@ from simaps_viz.viewer.panels.map import (
     doubtful_on,
     show_only,
 )
-from simaps_viz.viewer.scene.map_scene import Style
+from simaps_viz.viewer.scene.map_scene import CHANGED, Style
 from simaps_viz.viewer.workbench import Workbench
 
 
@@ -143,10 +144,7 @@ def test_the_words_name_the_classes_that_have_other_counts():
     many = change_text(whole.counts(), cut.counts(), changes * 5, 1).splitlines()
     assert len(changes * 5) > MAX_CHANGES
     assert many[0].endswith("changes, 1 outline is slightly different")
-    assert many[1:] == [
-        *(change.text for change in (changes * 5)[:MAX_CHANGES]),
-        f"and {len(changes) * 5 - MAX_CHANGES} more",
-    ]
+    assert many[1:] == [change.text for change in changes * 5]
     assert change_text(whole.counts(), cut.counts(), (), 1) == f"{said}, 1 outline is slightly different"
     assert change_text(whole.counts(), whole.counts(), (), 0) == "nothing changed"
 
@@ -155,7 +153,9 @@ def test_a_moved_slider_says_what_it_changed_and_one_button_shows_before(monkeyp
     with opened() as (_, page):
         session, panel = page.session, page.session.panels[MapPanel]
         whole, drawn = session.simap, []
-        monkeypatch.setattr(session.scene, "show_changed", lambda simap, ids: drawn.append((simap, tuple(ids))))
+        monkeypatch.setattr(
+            session.scene, "show_changed", lambda simap, ids, *_, **__: drawn.append((simap, tuple(ids)))
+        )
         assert not panel._change.visible and not panel._peek.visible
         session.cut_map(30.0, 1.0)
         assert session.wait_idle() and panel._change.visible
@@ -197,6 +197,33 @@ def test_a_moved_slider_says_what_it_changed_and_one_button_shows_before(monkeyp
         assert panel._peek.label == "Before and after"
         session.take_map(toy_map())  # another map: nothing was changed by hand
         assert session.wait_idle() and not panel._change.visible and drawn[-1][1] == ()
+
+
+def test_the_parts_of_a_change_have_a_colour_each_and_their_names_and_all_changes_can_be_read(monkeypatch):
+    monkeypatch.setattr(map_panel, "MAX_CHANGES", 1)
+    with opened() as (_, page):
+        session, panel = page.session, page.session.panels[MapPanel]
+        whole = session.simap
+        session.cut_map(30.0, 1.0)
+        assert session.wait_idle()
+        cut, (changes, _) = session.simap, changes_between(whole, session.simap)
+        split = next(at for at, change in enumerate(changes) if len(change.after) > 1)
+        kept, _, folded = panel._change.content.partition("<details")
+        for at, change in enumerate(changes):
+            assert change.text in (kept if at == 0 else folded)
+        assert f"and {len(changes) - 1} more</summary>" in folded
+        assert session.scene.texts["change"] == ()  # of so many the names would be everywhere
+        for _ in range(split + 1):
+            panel._show_next()
+        parts = [cut.by_id(one) for one in changes[split].after]
+        assert [label.text for label in session.scene.texts["change"]] == [one.name for one in parts]
+        for name, one in zip(CHANGED, parts, strict=False):  # each around its own cells, and no others
+            drawn: Any = session.client.scene.get_handle_by_name(name)
+            assert np.array_equal(drawn.points[..., :2], outline_segments(cut, one.id)[..., :2])
+            assert tuple(np.unique(drawn.colors.reshape(-1, 3), axis=0)[0]) == CHANGED[name]
+        panel._end_outlines()
+        assert session.scene.texts["change"] == ()
+        assert all(session.client.scene.get_handle_by_name(name) is None for name in CHANGED)
 
 
 def test_reset_while_the_map_before_is_looked_at_lets_go_of_what_was_after():

@@ -37,6 +37,7 @@ from simaps_viz.navigation.trajectory import (
 from simaps_viz.structures import Pose2
 from simaps_viz.viewer.panels.command import (
     PAST,
+    READING,
     WORKS,
     CommandPanel,
     anchors_text,
@@ -719,6 +720,43 @@ def test_what_a_typed_command_would_mean_is_marked_and_nothing_runs(monkeypatch)
         panel._drive.speed = 8.0
         until(lambda: not panel.driving and "Go does this" in shown(bench))  # not what came of the old one
         assert marked()[1] == {4} and statuses(bench)["go to the second chair"] == "ok"
+
+
+def test_while_what_is_typed_is_read_the_page_says_so_each_time(monkeypatch):
+    read = threading.Event()
+
+    def ask(simap, command, pose, robot):
+        assert read.wait(60.0)
+        return answer(simap, command, pose, robot=robot)
+
+    with toy_workbench(replace(real_services(), ask=ask)) as bench, fake_page(bench):
+        page, panel = mine(bench), mine(bench).panels[CommandPanel]
+        monkeypatch.setattr("simaps_viz.viewer.panels.command.PREVIEW_S", 0.05)
+        seen = lambda: shown(bench).rpartition('<div style="position:absolute;inset:0">')[2]  # noqa: E731
+        for text in ("go to the couch", "go to the third chair", "go to the piano", "go to the couch"):
+            read.clear()
+            panel._text.value = text
+            panel._typed()
+            assert READING in seen() and "Go " not in seen()  # nothing of the command before
+            read.set()
+            until(lambda: "Go does this" in seen() or "Go cannot do this" in seen())
+            assert page.wait_idle() and READING not in shown(bench)
+
+
+def test_step_says_which_line_it_runs_from_the_first_press_on():
+    with toy_workbench(real_services()) as bench, fake_page(bench):
+        panel = mine(bench).panels[CommandPanel]
+        panel._drive.speed = 8.0
+        panel.ask("turn right, then go to the couch", paused=True)
+        until(lambda: "Step runs line 1 of 2: robot.turn(90)" in shown(bench))
+        assert "Paused" in shown(bench) and mine(bench).pose == TOY_POSE
+        panel.step()
+        until(lambda: "Step runs line 2 of 2: robot.move_to_object(&quot;couch&quot;)" in shown(bench))
+        until(lambda: panel._drive.paused)
+        assert "Step runs line 1" not in shown(bench)
+        panel.pause()
+        until(lambda: "Done" in shown(bench))
+        assert "Step runs" not in shown(bench)
 
 
 def statuses(bench):

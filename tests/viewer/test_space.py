@@ -126,6 +126,8 @@ def test_a_click_from_above_lists_what_lies_there(session):
     panel._go_down(f"potted plant {PLANT}")
     assert session.wait_idle() and session.selected == PLANT
     assert tuple(panel._here.options) == (f"dining table {TABLE}", f"potted plant {PLANT}")  # and up again
+    panel._go_down(f"dining table {TABLE}")
+    assert session.wait_idle() and session.selected == TABLE
     session.select(1)
     assert session.wait_idle() and not panel._here.visible
 

@@ -354,6 +354,12 @@ def program_html(program: str, line: int | None = None, *, stuck: bool = False) 
     )
 
 
+def line_text(program: str, line: int) -> str:
+    """Return what Step does of a paused program: "Step runs line 2 of 3: robot.turn(90)"; empty for no line."""
+    lines = program.rstrip("\n").splitlines()
+    return f"Step runs line {line} of {len(lines)}: {lines[line - 1].strip()}" if 0 < line <= len(lines) else ""
+
+
 def exchanges_html(exchanges: Sequence[Exchange]) -> str:
     """Show what was sent to a language model, and its answers."""
     parts = []
@@ -1022,6 +1028,8 @@ class CommandPanel(Panel):
         if answer is not None and line != self._line and not self._types_another:
             self._line = line
             self._show_program(answer.program or "", line or None)
+            if self._phase == "paused":
+                self._show_phase("paused")
 
     def _arrived(self) -> None:
         answer = self._answer
@@ -1136,7 +1144,8 @@ class CommandPanel(Panel):
         self._phase = phase
         another = phase in _TITLES and self._types_another  # it is read; the first button sends it
         if phase in _TITLES and self._answer is not None and not another:
-            self._show_result(_TITLES[phase], outcome_text(self._answer), more=(*self._why, *self._answer.notes))
+            waits = line_text(self._answer.program or "", self._line) if phase == "paused" else ""
+            self._show_result(_TITLES[phase], outcome_text(self._answer), more=(waits, *self._why, *self._answer.notes))
         buttons = "Go" if another else _FIRST[phase], _FIRST[phase] if another else "Step", "Stop"
         if tuple(self._run.options) != buttons:
             self._run.options = buttons
@@ -1162,6 +1171,16 @@ class CommandPanel(Panel):
         self._show_other_reading(None)
         self._show_result(title, text, more=more)
         self._outcome = False
+
+    def _show_reading(self) -> None:
+        """Say that what is typed is being read, where the letters before were answered; nothing below moves for it."""
+        before, was_outcome, words = str(self._result.content), self._outcome, TYPING if self.uses_model else READING
+        self._show_typed("", words)
+        if not was_outcome and words not in before:
+            self._result.content = (
+                f'<div style="position:relative"><div style="visibility:hidden">{before}</div>'
+                f'<div style="position:absolute;inset:0">{self._result.content}</div></div>'
+            )
 
     def _show_program(self, program: str, line: int | None = None, *, stuck: bool = False) -> None:
         """Show the program; the given line (from 1) is marked as the current one, or as where it got stuck."""
@@ -1295,9 +1314,10 @@ class CommandPanel(Panel):
             self._show_phase(self._phase)
             if self._phase == "idle":
                 self._select_nothing()
-            if self._outcome and self._phase != "asking":
-                self._unmark()
-                self._show_typed("", TYPING if self.uses_model else READING)
+            if self._phase != "asking":
+                if self._outcome:
+                    self._unmark()
+                self._show_reading()
             preview = functools.partial(self._page.command_worker.submit, "preview", self._preview)
             self._typing = threading.Timer(PREVIEW_S, preview)
             self._typing.daemon = True

@@ -329,16 +329,23 @@ class InstancePanel(Panel):
     def _list_stack(self) -> None:
         """List what lies at the selected position, where it is more than one thing."""
         simap, at = self._page.simap, self._page.picked
-        stack = stack_at(simap, *at) if at is not None else {}
-        names = {simap.by_id(number).name: z for number, z in stack.items()}
-        self._stack = {name: (*at, z) for name, z in names.items()} if at is not None else {}
-        self._here.visible = len(names) > 1
-        if len(names) > 1 and tuple(names) != tuple(self._here.options):
-            self._here.options = tuple(names)
+        self._stack = {}
+        if at is not None:
+            x_m, y_m = simap.spec.centre_of(*simap.spec.cell_of(*at))  # where the points of the cell are
+            self._stack = {simap.by_id(number).name: (x_m, y_m, z) for number, z in stack_at(simap, x_m, y_m).items()}
+        self._here.visible = len(self._stack) > 1
+        if len(self._stack) > 1 and tuple(self._stack) != tuple(self._here.options):
+            self._here.options = tuple(self._stack)
 
     def _go_down(self, name: str) -> None:
+        """Select what a name in the list is of: what is on top as a click does, the rest by its height."""
         if name in self._stack:
-            self._page.pick_in_space(self._stack[name])
+            x_m, y_m, z_m = self._stack[name]
+            on_top = self._page.simap.at(x_m, y_m)
+            if on_top is not None and on_top.name == name:
+                self._page.pick((x_m, y_m))
+            else:
+                self._page.pick_in_space((x_m, y_m, z_m))
 
     def explain(self, summary: str | None, edits: Sequence[Mapping[str, Any]] = ()) -> None:
         """Show why the selected instance is one object (HTML), and who edited it; None = nothing is selected."""

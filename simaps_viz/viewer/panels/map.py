@@ -26,7 +26,7 @@ from simaps_viz.mapping.in_space import all_instances, has_voxels
 from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.simap import slider_of
 from simaps_viz.structures import Grid, Instance, Room, SIMap
-from simaps_viz.viewer.page.page import MAX_RESOLUTION, MIN_RESOLUTION, Cut, Page, cut_of
+from simaps_viz.viewer.page.page import MAX_RESOLUTION, MIN_RESOLUTION, SELECTED_TAB, Cut, Page, cut_of
 from simaps_viz.viewer.page.panel import Panel, button, button_row, by_person
 from simaps_viz.viewer.page.shared import Snapshot
 from simaps_viz.viewer.scene.camera import SLANT, TOP, Extent, with_margin
@@ -39,7 +39,7 @@ PEEKING = "Showing before – press again for after"
 BEFORE_HINT = "The map as it came, before the sliders were moved, and as it is."
 STEP_HINT = "Go to what the slider changed, one after the other; the north arrow shows the whole map."
 MAX_MOVED, MAX_CHANGES = 3, 8
-"""Classes and changes that are named beside a moved slider."""
+"""Classes and changes that are named beside a moved slider; the other changes are folded up."""
 _KINDS = {"missed": "gone", "extra": "new"}
 """What a comparison calls otherwise, as one of its maps is the truth."""
 MODE_HINT = "What a colour on the map means; the legend follows."
@@ -230,7 +230,9 @@ class MapPanel(Panel):
         said = change_text(self._counted(before), self._counted(after), changes, len(edges))
         other = cut_text(now, was[1], self._shown_cut)
         said = f"{at}. After, {other}: {said}" if peeking else f"{at}, instead of {other} as it came: {said}"
-        self._change.content = f'<div class="simaps-change" data-shown="{escape(at)}">{_line(said)}</div>'
+        self._change.content = (
+            f'<div class="simaps-change" data-shown="{escape(at)}">{_line(said, fold=MAX_CHANGES)}</div>'
+        )
         found = changes or edges
         same = [one.text for one in found] == [one.text for one in self._changed]
         self._changed = found
@@ -238,7 +240,7 @@ class MapPanel(Panel):
             self._outline_looked()
             return
         self._looked = 0
-        self._outline(now, [one for change in found for one in self._ids_now(change)])
+        self._outline(now, [self._ids_now(change) for change in found])
         if found:
             what = ("change" if changes else "changed outline") + "s" * (len(found) > 1)
             self._step.label = f"Show {'the' if len(found) == 1 else f'each of {len(found)}'} {what}"
@@ -271,12 +273,16 @@ class MapPanel(Panel):
         change = self._changed[self._looked - 1]
         now = self._ids_now(change)
         simap = self._shown if now or self._was is None else self._was[0]
-        self._outline(simap, now or change.before or change.after)
+        self._outline(simap, [now or change.before or change.after])
 
-    def _outline(self, simap: SIMap, ids: Sequence[int]) -> None:
-        """Outline what changed, until something else is selected, or Escape is pressed."""
+    def _outline(self, simap: SIMap, changes: Sequence[Sequence[int]]) -> None:
+        """Outline the objects of changes, each of one in a colour of its own, and name those of one that is alone.
+
+        They stay so until something else is selected, or Escape is pressed.
+        """
+        ids, parts = [one for ones in changes for one in ones], [part for ones in changes for part in range(len(ones))]
         self._outlined, self._outlined_at = bool(ids), self._page.picked
-        self._page.scene.show_changed(simap, ids)
+        self._page.scene.show_changed(simap, ids, parts, named=len(changes) == 1 and len(ids) > 1)
 
     def _end_outlines(self) -> None:
         if self._outlined:
@@ -512,7 +518,7 @@ def cut_text(simap: SIMap, cut: Cut, other: Cut) -> str:
 
 
 def change_text(old: Mapping[str, int], new: Mapping[str, int], changes: Sequence[Change], edges: int) -> str:
-    """Describe how many objects of which classes there are instead, and a line each, the first changes.
+    """Describe how many objects of which classes there are instead, and a line each, the changes.
 
     Args:
         old: how many objects of each class there were.
@@ -528,9 +534,8 @@ def change_text(old: Mapping[str, int], new: Mapping[str, int], changes: Sequenc
     rest = [f"other numbers of {plural(len(moved) - MAX_MOVED, 'more class')}"] if len(moved) > MAX_MOVED else []
     same = [f"{plural(edges, 'outline')} {'is' if edges == 1 else 'are'} slightly different"] if edges else []
     others = [plural(len(changes), "change")] if changes else []
-    more = [f"and {len(changes) - MAX_CHANGES} more"] if len(changes) > MAX_CHANGES else []
     first = ", ".join((*parts, *rest, *others, *same)) or "nothing changed"
-    return "\n".join((first, *(change.text for change in changes[:MAX_CHANGES]), *more))
+    return "\n".join((first, *(change.text for change in changes)))
 
 
 def _first_mode(simap: SIMap) -> ColorMode:
@@ -556,10 +561,18 @@ def origin_html(simap: SIMap) -> str:
     )
 
 
-def _line(text: str, over: str = "") -> str:
-    """Set a text in a line; ``over`` is what it replaces for a while, whose height it keeps."""
+def _line(text: str, over: str = "", fold: int = 0) -> str:
+    """Set a text in a line; ``over`` is what it replaces for a while, whose height it keeps.
+
+    Of a text of several lines those after the first and ``fold`` others are folded up, where that is not 0.
+    """
     kept = f'<div style="visibility:hidden">{escape(over)}</div>' if over else ""
+    lines = text.split("\n")
+    text, rest = ("\n".join(lines[: fold + 1]), lines[fold + 1 :]) if fold else (text, [])
     place = f'<div style="position:absolute">{escape(text)}</div>{kept}' if over else escape(text)
+    if rest:
+        more = escape("\n".join(rest))
+        place += f'<details class="simaps-rest"><summary>and {len(rest)} more</summary>{more}</details>'
     return (
         '<div role="status" style="position:relative;padding:.2em .8em .4em;font-size:.88em;font-weight:600;'
         'line-height:1.4;overflow-wrap:anywhere;white-space:pre-line">'
@@ -612,11 +625,13 @@ class NamesPanel(Panel):
         self._show_state()
 
     def told(self, event: dict[str, Any]) -> None:
-        """Turn the view to the north; select nothing, or that whose name was clicked; name what a ray in 3-D meets."""
+        """Turn to the north, select what was clicked or nothing, tell more of it, name what a ray in 3-D meets."""
         if event.get("type") == "north":
             self._page.look(self._page.viewpoints.name)
         elif event.get("type") == "deselect":
             self._page.select(None)
+        elif event.get("type") == "about":
+            self._page.reveal(SELECTED_TAB)
         elif event.get("type") == "under":
             ray = event.get("ray")
             if isinstance(ray, list) and len(ray) == 6 and all(map(_is_length, ray)):
@@ -642,6 +657,9 @@ class NamesPanel(Panel):
         state = {"view": page.viewpoints.name, "selected": page.selected, "only": only, "faded": faded}
         state["only_text"] = f"Only {plural(2, short(only))[2:]} are shown" if only else ""
         state["doubtful"] = not_counted(page.simap, doubtful_on(page))
+        chosen = next((one for one in all_instances(page.simap) if one.id == page.selected), None)
+        state["facts"] = "" if chosen is None else hint_text(chosen, page.simap.spec.cell_size_m)
+        state["tab"] = SELECTED_TAB
         state["middle"] = (xmin + xmax) / 2.0, (ymin + ymax) / 2.0
         content = f'<div class="simaps-state" hidden data-state="{escape(json.dumps(state))}"></div>'
         if self._state.content != content:

@@ -109,7 +109,7 @@ def label_of(text: str, one: Instance) -> Label:
     return Label(text, *middle, *reach, z=(z0 + z1) / 2, reach_z=(z1 - z0) / 2, id=one.id)
 
 
-KINDS = ("selection", "command", "why", "rooms", "compare")
+KINDS = ("selection", "change", "command", "why", "rooms", "compare")
 """Of texts, the most important first; the last are those of a picture that lies over the map."""
 
 

@@ -10,6 +10,7 @@ import viser
 import viser.transforms as vtf
 from numpy.typing import ArrayLike, NDArray
 
+from simaps_viz.colors.palette import Color
 from simaps_viz.drawing.surface import is_shown, layers, point_colors, ray_on_points, solids
 from simaps_viz.drawing.texture import TINT, ColorMode, cell_colors, outline_segments
 from simaps_viz.drawing.theme import LIGHT, Theme
@@ -24,14 +25,15 @@ from simaps_viz.viewer.scene.why_marks import paint_cells
 ROBOT = (10, 84, 200)
 PATH = (22, 110, 235)
 ROOM = (120, 70, 190)
-CHANGED = (230, 20, 150)
+CHANGED: dict[str, Color] = {"/changed": (230, 20, 150), "/changed_2": (255, 140, 0), "/changed_3": (0, 170, 100)}
+"""Lines around what changed: those of one change have a colour each, which its name has too, in the page's style."""
 OUTLINE_PX = 3.0
 ROBOT_RADIUS_M, ROBOT_HEIGHT_M = RobotShape().radius_m, 0.35
 PICTURE_M = 0.004
 """Height over the map of a picture that is shown instead of it."""
 PARENTS = ("/why",)
 """Nodes whose children come and go; hiding one hides its children."""
-LINES = ("/path", "/target", "/selection", "/changed", "/cut", "/rooms")
+LINES = ("/path", "/target", "/selection", *CHANGED, "/cut", "/rooms")
 CAMERA = (220, 60, 40)
 CAMERA_FOV_RAD, CAMERA_ASPECT, CAMERA_SIZE_M = 0.9, 4 / 3, 0.45
 """The mark of a camera shows where a frame was taken from, not how much was on it."""
@@ -211,11 +213,22 @@ class MapScene:
             self._outlined, self._boxed = segments, box
             self._draw_outline()
 
-    def show_changed(self, simap: SIMap, ids: Sequence[int]) -> None:
-        """Outline instances in another colour than the selected one's, instead of those shown before."""
-        with self._lock:
-            lines = outline_segments(simap, *ids, z_m=0.016)
-            draw_lines(self._scene, "/changed", lines, CHANGED, OUTLINE_PX, visible=self._pictured is None)
+    def show_changed(self, simap: SIMap, ids: Sequence[int], parts: Sequence[int] = (), *, named: bool = False) -> None:
+        """Outline instances in other colours than the selected one's, instead of those shown before.
+
+        Args:
+            simap: the map.
+            ids: of the instances.
+            parts: of each instance, which of the colours is its own; empty: all have the first.
+            named: whether their names are written on the map, too.
+        """
+        of_part = dict(zip(ids, parts or [0] * len(ids), strict=True))
+        with self._lock, self._page.atomic():
+            for number, (name, color) in enumerate(CHANGED.items()):
+                mine = [one for one in ids if of_part[one] % len(CHANGED) == number]
+                lines = outline_segments(simap, *mine, z_m=0.016 + 0.001 * number)
+                draw_lines(self._scene, name, lines, color, OUTLINE_PX, visible=self._pictured is None)
+        self.texts.show("change", [label_of(simap.by_id(one).name, simap.by_id(one)) for one in ids] if named else ())
 
     def show_rooms(self, rooms: Sequence[Room]) -> None:
         """Outline rooms and write their names, instead of those shown before."""

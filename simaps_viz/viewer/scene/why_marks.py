@@ -175,8 +175,8 @@ def link_label(marks: Marks, link: Link) -> Label:
     (x0, y0), (x1, y1) = link.ends_m
     (xmin, ymin, _), (xmax, ymax, _) = link.other.aabb_m
     if max(xmax - xmin, ymax - ymin) > SMALL_M:
-        return Label(text, x1, y1, away_x=x1 - x0, away_y=y1 - y0)
-    return label_of(text, link.other)._replace(away_x=x1 - x0, away_y=y1 - y0, id=0)
+        return Label(text, x1, y1, away_x=x1 - x0, away_y=y1 - y0, id=link.other.id)
+    return label_of(text, link.other)._replace(away_x=x1 - x0, away_y=y1 - y0)
 
 
 def _links_of(marks: Marks) -> tuple[Link, ...]:

@@ -33,8 +33,13 @@
   const alone = make('button', 'simaps-shown simaps-alone', over);  // which class is shown alone, and a way back
   alone.type = 'button';
   alone.hidden = true;
-  for (const kind of ['pointerdown', 'pointerup', 'pointermove']) alone.addEventListener(kind, (event) => event.stopPropagation());
   alone.addEventListener('click', () => tell({ type: 'class', name: state.only, do: 'only' }));
+  const about = make('button', 'simaps-shown simaps-about', over);  // what is selected, while the tab about it is not open
+  about.type = 'button';
+  about.title = 'More about it, and why it is one object';
+  about.hidden = true;
+  for (const one of [alone, about]) for (const kind of ['pointerdown', 'pointerup', 'pointermove']) one.addEventListener(kind, (event) => event.stopPropagation());
+  about.addEventListener('click', () => tell({ type: 'about' }));
   const scale = make('div', 'simaps-scale', over);
   scale.setAttribute('role', 'img');
 
@@ -158,7 +163,7 @@
     return [Math.floor((x - map.xmin) / map.cell), Math.floor((y - map.ymin) / map.cell)];
   };
 
-  const GAP = 3, LINE = 16, CLICK_PX = 3, PHONE_PX = 600;
+  const GAP = 3, LINE = 16, CLICK_PX = 3, PHONE_PX = 600, LEADER_PX = 24;
   const measure = make('canvas', '').getContext('2d');
   const widths = new Map();
   const widthOf = (text) => {
@@ -169,7 +174,7 @@
     return widths.get(text);
   };
   const spans = [], written = [];
-  let count = 0;
+  let count = 0, leaders = [];  // lines from texts to what they are of, in pixels
   const named = (x, y) => {  // the id of the object whose name is there
     const found = written.slice(0, count).find(([box, id]) => id && covers(box, [x, y, x, y]));
     return found ? found[1] : 0;
@@ -203,6 +208,7 @@
       const away = awayX || awayY ? seenAt(x + awayX, y + awayY, flat ? 0 : z) : null;
       said.push({ kind, text, id, thing, away, isPoint: !reachX && !reachY && !away });
     }
+    let part = 0;  // of a change, outlined in the colour of its name
     for (const { kind, text, id, thing, away, isPoint } of said) {
       const [x, y] = [(thing[0] + thing[2]) / 2, (thing[1] + thing[3]) / 2], half = widthOf(text) / 2 + 7, high = LINE / 2 + 1;
       const [outX, outY] = [(thing[2] - thing[0]) / 2 + GAP + half, (thing[3] - thing[1]) / 2 + GAP + high];
@@ -213,29 +219,40 @@
       const boxes = middles.map(([a, b]) => [a - half, b - high, a + half, b + high]);
       const apart = boxes.filter((box) => isFree(box, taken)), free = apart.filter((box) => isFree(box, things));
       const box = [...free, ...apart].find(isWhole) || free[0] || apart[0] || (taken.length ? null : boxes[0]);
+      if (kind === 'change') part++;
       if (!box) continue;
       taken.push(box);
-      const look = { selection: 'simaps-chosen', rooms: 'simaps-room' }[kind] || (text.startsWith('▶') ? 'simaps-meant' : 'simaps-other');
+      const look = { selection: 'simaps-chosen', rooms: 'simaps-room', change: `simaps-other simaps-part-${(part - 1) % 3 + 1}` }[kind]
+        || (text.startsWith('▶') ? 'simaps-meant' : 'simaps-other');
       place(text, box, id, `simaps-text ${look}`);
+      const one = flat && map && kind !== 'selection' && map.objects.get(id);
+      if (!one || !one.cells) continue;
+      const to = at(toScreen, ...cellToMap(one.x, one.y)), from = [0, 1].map((i) => Math.min(Math.max(to[i], box[i]), box[i + 2]));
+      if (Math.hypot(to[0] - from[0], to[1] - from[1]) > LEADER_PX) leaders.push([from, to]);
     }
   };
   // Large objects first; a name is left out where it would cover another or the middle of a larger object, which would
-  // seem to be called so, or be far larger than its own.
+  // seem to be called so, or be far larger than its own. It moves up or down, still on its object, where that helps.
   const writeNames = (taken, look) => {
     const [left, top] = at(toScreen, 0, 0), [right, bottom] = at(toScreen, map.cell, map.cell);
     const px = Math.hypot(right - left, bottom - top) / Math.SQRT2, texted = new Set(texts.map((one) => one[1] && one[10]));
     const dense = width < PHONE_PX ? 2 : 1;  // names of one size are larger beside what a small map shows
-    const middles = map.shown.map((one) => at(toScreen, ...cellToMap(one.x, one.y))).map(([x, y]) => [x, y, x, y]);
-    for (const [i, one] of map.shown.entries()) {
-      if (one.id === state.selected || !shows(one.label) || texted.has(one.id)) continue;
+    const shown = map.shown.filter((one) => shows(one.label));
+    const middles = shown.map((one) => at(toScreen, ...cellToMap(one.x, one.y))).map(([x, y]) => [x, y, x, y]);
+    const most = state.only ? 4 : 2.2;  // widths of its own: of one class alone most names fit
+    for (const [i, one] of shown.entries()) {
+      if (one.id === state.selected || texted.has(one.id)) continue;
       const wide = (one.east - one.west) * px, high = (one.north - one.south) * px;
       if (high * dense < 13 || wide * dense < 13) continue;
-      if (widthOf(one.name) > 2.2 * dense * wide) continue;
-      const half = widthOf(one.name) / 2 + GAP, [x, y] = middles[i];
-      const box = [x - half, y - LINE / 2, x + half, y + LINE / 2];
-      if (!isWhole(box) || !isFree(box, taken) || !isFree(box, middles.slice(0, i))) continue;
-      taken.push(box);
-      place(one.name, box, one.id, look);
+      if (widthOf(one.name) > most * dense * Math.max(wide, Math.sqrt(wide * high))) continue;
+      const half = widthOf(one.name) / 2 + GAP, [x, middle] = middles[i], away = (high + LINE) / 4;
+      for (const y of [middle, middle - away, middle + away]) {
+        const box = [x - half, y - LINE / 2, x + half, y + LINE / 2];
+        if (!isWhole(box) || !isFree(box, taken) || !isFree(box, middles.slice(0, i))) continue;
+        taken.push(box);
+        place(one.name, box, one.id, look);
+        break;
+      }
     }
   };
 
@@ -328,21 +345,34 @@
   let drawn = false;
   const draw = (context, one, thin) => {
     drawn = true;
-    const path = outlineOf(one), dark = document.documentElement.dataset.mantineColorScheme === 'dark';
+    const path = outlineOf(one);
     const corner = at(toScreen, ...cellToMap(0, 0)), east = at(toScreen, ...cellToMap(1, 0)), up = at(toScreen, ...cellToMap(0, 1));
     const scale = window.devicePixelRatio || 1, px = Math.hypot(east[0] - corner[0], east[1] - corner[1]);
     context.save();
     context.scale(scale, scale);
     context.transform(east[0] - corner[0], east[1] - corner[1], up[0] - corner[0], up[1] - corner[1], ...corner);
     context.lineCap = 'square';
-    for (const [line, color] of [[thin ? 3 : 4.5, dark ? '#101114' : '#fff'], [thin ? 1.5 : 2, dark ? '#fff' : '#0f121a']]) {
+    rim(context, path, thin ? 1.5 : 2, px);
+    context.restore();
+  };
+  const rim = (context, path, wide, px) => {  // dark on a light page, light on a dark one, and rimmed
+    const dark = document.documentElement.dataset.mantineColorScheme === 'dark';
+    for (const [line, color] of [[wide > 1.5 ? 2.25 * wide : 2 * wide, dark ? '#101114' : '#fff'], [wide, dark ? '#fff' : '#0f121a']]) {
       context.lineWidth = line / px;
       context.strokeStyle = color;
       context.stroke(path);
     }
+  };
+  const lead = (context) => {
+    drawn = true;
+    const path = new window.Path2D(), scale = window.devicePixelRatio || 1;
+    for (const [from, to] of leaders) { path.moveTo(...from); path.lineTo(...to); }
+    context.save();
+    context.scale(scale, scale);
+    rim(context, path, 1, 1);
     context.restore();
   };
-  const ROBOT = 'The robot: commands start here, it looks along the arrow', ROBOT_PX = 14, ROBOT_M = 0.2;
+  const ROBOT = 'The robot: commands start here, it looks along the arrow', ROBOT_PX = 14, LEAST_PX = 8, ROBOT_M = 0.2;
   const robotAt = (ahead = 0) => {
     const { nodeRefFromName: nodes, camera } = window.__viserMutable, robot = nodes['/robot'];
     if (!robot) return null;
@@ -350,16 +380,18 @@
     const [x, y, , w] = [0, 1, 2, 3].map((i) => place[12 + i] + ahead * place[i]);
     return [(x / w + 1) * width / 2, (1 - y / w) * height / 2];
   };
-  // Where the robot looks, as large at every zoom.
+  // The robot and where it looks, as large at every zoom; rimmed in white, which is seen on any colour.
   const heading = over.insertBefore(document.createElementNS(SVG, 'svg'), names);
   heading.setAttribute('class', 'simaps-heading');
   heading.setAttribute('viewBox', '-50 -50 100 100');
   for (const d of ['M0 0 L42 -22 A48 48 0 0 1 42 22 Z', 'M15 -3.5 H28 V-9 L47 0 L28 9 V3.5 H15 Z'])
     heading.appendChild(document.createElementNS(SVG, 'path')).setAttribute('d', d);
+  const disc = heading.insertBefore(document.createElementNS(SVG, 'circle'), heading.lastChild);
   const headed = () => {  // as CSS, '' for none
     const robot = toScreen && robotAt(), nose = robot && robotAt(ROBOT_M);
     if (!nose) return '';
-    const [x, y] = [nose[0] - robot[0], nose[1] - robot[1]], large = Math.max(1, Math.hypot(x, y) / ROBOT_PX);
+    const [x, y] = [nose[0] - robot[0], nose[1] - robot[1]], reach = Math.hypot(x, y), large = Math.max(1, reach / ROBOT_PX);
+    disc.setAttribute('r', (Math.max(reach, LEAST_PX) / large).toFixed(1));
     return `translate(${robot.map((one) => `${one.toFixed(1)}px`)}) translate(-50%, -50%) rotate(${Math.atan2(y, x).toFixed(3)}rad) scale(${large.toFixed(2)})`;
   };
   const AIM_M = 0.1;  // as a click takes it, for objects have holes
@@ -376,6 +408,7 @@
   const writeAll = (look, under) => {  // look: of the names, '' for none
     const taken = [];
     count = 0;
+    leaders = [];
     writeTexts(taken, under);
     if (look && map) writeNames(taken, look);
     for (; count < spans.length; count++) spans[count].hidden = true;
@@ -397,12 +430,13 @@
     }
     say(said, ...spot);
     writeAll(plain ? 'simaps-name' : 'simaps-name simaps-pale', name ? null : under);
-    if (map && texts.some(([, text]) => text.startsWith('▶'))) {  // the ranks of others; the map itself outlines the target
-      for (const [kind, text, ...label] of texts) {
-        const one = kind === 'command' && !text.startsWith('▶') && map.objects.get(label[8]);
-        if (one && one.cells) draw(context, one, true);
-      }
+    // The ranks of others, and neighbours that have a number; the map itself outlines the target, and what is selected.
+    const meant = texts.some(([kind]) => kind === 'command'), ranked = texts.some(([, text]) => text.startsWith('▶'));
+    for (const [kind, text, ...label] of map ? texts : []) {
+      const one = (kind === 'why' ? !meant : kind === 'command' && ranked && !text.startsWith('▶')) && map.objects.get(label[8]);
+      if (one && one.cells) draw(context, one, true);
     }
+    if (leaders.length) lead(context);
     if (map && pointed) for (const one of map.shown) if (one.label === pointed) draw(context, one, true);
     for (const one of [under, chosen]) if (one) draw(context, one, false);
     drawing.hidden = !drawn;  // some graphics go on showing what was last on a canvas that was only cleared
@@ -552,6 +586,9 @@
     const only = state.only_text ? `${state.only_text} · show all` : '';
     if (alone.textContent !== only) alone.textContent = only;
     alone.hidden = !only || covered(viser);
+    const facts = state.facts ? `${factsOf({ id: state.selected, facts: state.facts })} · more` : '';
+    if (about.textContent !== facts) about.textContent = facts;
+    about.hidden = !facts || covered(viser) || opened.split('|').includes(state.tab);
     if (viser.cameraControl) hands(viser.cameraControl);
     toScreen = look(viser, canvas);
     const isCovered = covered(viser);

@@ -32,11 +32,20 @@
   document.addEventListener('pointerdown', (event) => {
     if (!event.isTrusted) return;
     wanted = [];
-    endHints();
+    if (event.pointerType !== 'touch' || event.target.closest('button')) endHints(event);
   }, true);
-  // A press ends all hints: viser keeps that of a control that the press replaces or hides. So does typing.
-  const endHints = () => { for (const one of document.querySelectorAll('.mantine-Tooltip-tooltip')) one.dataset.pressed = ''; };
+  // A press ends all hints until the pointer leaves what was pressed: viser keeps that of a control that the press
+  // replaces or hides, and opens that of a control that was pressed at once. So does typing.
+  let pressedBox = null;
+  const quiet = (box) => { pressedBox = box; document.documentElement.toggleAttribute('data-pressed', box !== null); };
+  const endHints = (event) => {
+    for (const one of document.querySelectorAll('.mantine-Tooltip-tooltip')) one.dataset.pressed = '';
+    quiet((event.target.closest('.mantine-Flex-root') || event.target).getBoundingClientRect());
+  };
   document.addEventListener('input', endHints, true);
+  document.addEventListener('pointermove', ({ clientX: x, clientY: y }) => {
+    if (pressedBox && (x < pressedBox.left || x > pressedBox.right || y < pressedBox.top || y > pressedBox.bottom)) quiet(null);
+  }, true);
   window.addEventListener('pagehide', () => {
     const open = tabs().filter(isOpen).map(titleOf);
     try { if (open.length) sessionStorage.setItem(OPEN, JSON.stringify(open)); } catch { /* as above */ }
@@ -125,8 +134,13 @@
   document.addEventListener('click', (event) => {  // a tab opens at its top, and on a phone takes the recorded build's place
     const row = event.target.closest('[role=tab]') && event.target.closest('[role=tablist]');
     if (row && PHONE.matches && unfolded()) unfolded().click();
-    for (let one = row && row.parentElement; one; one = one.parentElement)
-      if (['scroll', 'auto'].includes(getComputedStyle(one).overflowY)) one.scrollTop = 0;
+    // There what is above the tabs makes room for the tab, unless something is being looked for with it.
+    const rooms = row && PHONE.matches && !document.activeElement.matches('textarea[aria-label=Find]');
+    for (let one = row && row.parentElement; one; one = one.parentElement) {
+      if (!['scroll', 'auto'].includes(getComputedStyle(one).overflowY)) continue;
+      one.scrollTop = 0;
+      if (rooms) one.scrollTop = row.parentElement.getBoundingClientRect().top - one.getBoundingClientRect().top;
+    }
   });
   document.addEventListener('click', (event) => {  // what is typed into a choice replaces it
     if (event.target.matches('input.mantine-Select-input')) event.target.select();
