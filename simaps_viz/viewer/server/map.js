@@ -232,13 +232,18 @@
     }
   };
   // Large objects first; a name is left out where it would cover another or the middle of a larger object, which would
-  // seem to be called so, or be far larger than its own. It moves up or down, still on its object, where that helps.
+  // seem to be called so, or be far larger than its own. It moves up or down, still on its object, where that helps, and
+  // then keeps off the inner half of larger ones.
   const writeNames = (taken, look) => {
     const [left, top] = at(toScreen, 0, 0), [right, bottom] = at(toScreen, map.cell, map.cell);
     const px = Math.hypot(right - left, bottom - top) / Math.SQRT2, texted = new Set(texts.map((one) => one[1] && one[10]));
     const dense = width < PHONE_PX ? 2 : 1;  // names of one size are larger beside what a small map shows
     const shown = map.shown.filter((one) => shows(one.label));
     const middles = shown.map((one) => at(toScreen, ...cellToMap(one.x, one.y))).map(([x, y]) => [x, y, x, y]);
+    const inner = shown.map(({ east, west, north, south }, i) => {
+      const [x, y] = middles[i], [reachX, reachY] = [(east - west) * px / 4, (north - south) * px / 4];
+      return [x - reachX, y - reachY, x + reachX, y + reachY];
+    });
     const most = state.only ? 4 : 2.2;  // widths of its own: of one class alone most names fit
     for (const [i, one] of shown.entries()) {
       if (one.id === state.selected || texted.has(one.id)) continue;
@@ -248,7 +253,7 @@
       const half = widthOf(one.name) / 2 + GAP, [x, middle] = middles[i], away = (high + LINE) / 4;
       for (const y of [middle, middle - away, middle + away]) {
         const box = [x - half, y - LINE / 2, x + half, y + LINE / 2];
-        if (!isWhole(box) || !isFree(box, taken) || !isFree(box, middles.slice(0, i))) continue;
+        if (!isWhole(box) || !isFree(box, taken) || !isFree(box, (y === middle ? middles : inner).slice(0, i))) continue;
         taken.push(box);
         place(one.name, box, one.id, look);
         break;
