@@ -76,18 +76,23 @@ test-pythons: dist
 clean:
 	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .hypothesis
 
-$(READY): pyproject.toml
+# What is imported is compiled then: pip would compile all there is first.
+define install
 	@$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(0 if (3, 11) <= v < (3, 14) else \
 		f"make: expected Python 3.11 to 3.13, found {v.major}.{v.minor}; try make PYTHON=python3.11")'
 	@echo "Setting up $(VENV) (once; a few minutes on a slow line)"
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --progress-bar on -e .
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --progress-bar on --no-compile -e '.$(1)'
+endef
+
+$(READY): pyproject.toml
+	$(call install,)
 	@touch $@
 
-$(DEV_READY): $(READY)
-	@echo "Adding what tests and checks need"
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
-	@touch $@
+# With what tests and checks need; at once, as finding out what fits together takes long.
+$(DEV_READY): pyproject.toml
+	$(call install,[dev])
+	@touch $(READY) $@
 
 # The browser tests drive Debian's Chromium.
 chromium:

@@ -1,6 +1,7 @@
 """Settings and fixtures of all tests."""
 
 import gc
+import signal
 import subprocess
 import sys
 from contextlib import ExitStack
@@ -26,11 +27,15 @@ BEGUN_FIRST = ("checking", "process", "docs", "live", "scenes", "language", "seg
 
 @pytest.hookimpl(tryfirst=True)  # before workers are started
 def pytest_sessionstart(session: pytest.Session) -> None:
-    """Compile the kernels once, in a fresh checkout, before several workers and their processes each do it."""
+    """Compile kernels and tests once, in a fresh checkout, before several workers and their processes each do it."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # begun in the background: so would be what tests interrupt
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     tests = Path(__file__).parent
     starts_workers = getattr(session.config.option, "numprocesses", None) and not hasattr(session.config, "workerinput")
     if starts_workers and not any((tests.parent / "simaps_viz").rglob("*.nbi")):
-        subprocess.run([sys.executable, tests / "helpers" / "compile_kernels.py"], check=True)
+        collect = [sys.executable, "-m", "pytest", "--collect-only", "-p", "no:cacheprovider", str(tests)]
+        with subprocess.Popen(collect, cwd=tests.parent, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL):
+            subprocess.run([sys.executable, tests / "helpers" / "compile_kernels.py"], check=True)
 
 
 @pytest.hookimpl(tryfirst=True)  # before `-m` chooses

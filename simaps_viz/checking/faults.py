@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from simaps_viz.checking.agreement import AGREES, Agreement, Views, find_drift, summarise
 from simaps_viz.checking.recording import Convention, Reading, Recording, revisit_pairs, turned_deg
 from simaps_viz.checking.search import median_depth_m, score
-from simaps_viz.datasets.gravity import estimate_gravity
+from simaps_viz.datasets.gravity import Surface, gravity_of, sample_surface
 from simaps_viz.datasets.source import named_times
 from simaps_viz.errors import InputError
 from simaps_viz.geometry import back_project
@@ -193,14 +193,15 @@ def find_level(
     stated = None if up is None else np.asarray(up, float) / np.linalg.norm(up)
     axes = np.stack([frame.T_world_camera[:3, :3] for frame in frames]).mean(axis=0) if frames else np.eye(3)
     try:
-        found, floor_m = estimate_gravity(frames)
+        surface, posed = sample_surface(frames), np.stack([frame.T_world_camera for frame in frames])
+        found, floor_m = gravity_of(surface, posed)
     except InputError:
         return None
     normals = _normals(frames)
     tilt = None if stated is None else float(np.rad2deg(np.arccos(np.clip(found @ stated, -1, 1))))
     floor_error_m = None
     if stated is not None and floor_height_m is not None and tilt is not None and tilt < FLOOR_TILT_DEG:
-        floor_error_m = _floor_along(frames, stated, floor_height_m)
+        floor_error_m = _floor_along(surface, posed, stated, floor_height_m)
     return Level(
         up=found,
         floor_height_m=floor_m,
@@ -222,9 +223,9 @@ def _held(axes: NDArray, up: NDArray) -> float:
     return float(max(-axes[:, 1] @ up, abs(axes[:, 0] @ up)))
 
 
-def _floor_along(frames: list[Frame], up: NDArray, floor_height_m: float) -> float | None:
+def _floor_along(surface: Surface, poses: NDArray, up: NDArray, floor_height_m: float) -> float | None:
     try:
-        return estimate_gravity(frames, up=up)[1] - floor_height_m
+        return gravity_of(surface, poses, up=up)[1] - floor_height_m
     except InputError:
         return None
 

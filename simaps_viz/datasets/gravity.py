@@ -6,6 +6,7 @@ up is the floor.
 """
 
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 
 import cv2
@@ -87,10 +88,9 @@ def find_gravity(frames: Iterable[Frame], *, up: NDArray | None = None) -> Gravi
     and the floor is the lowest surface seen. There has to be a frame.
     """
     frames = list(frames)
-    try:
-        return Gravity(*estimate_gravity(frames, up=up))
-    except InputError:
-        poses, surface = np.stack([frame.T_world_camera for frame in frames]), sample_surface(frames)
+    surface, poses = sample_surface(frames), np.stack([frame.T_world_camera for frame in frames])
+    with suppress(InputError):
+        return Gravity(*gravity_of(surface, poses, up=up))
     if up is None:
         unit_up, source = _up_without_floor(surface, poses)
         up_note = f"no floor is in view: up is a guess, {source}; --up X,Y,Z states it"
@@ -152,10 +152,13 @@ def estimate_gravity(frames: Iterable[Frame], *, up: NDArray | None = None) -> t
         InputError: There are too few surface points, or no plane that faces up lies below the cameras.
     """
     frames = list(frames)
-    surface = sample_surface(frames)
+    return gravity_of(sample_surface(frames), np.stack([frame.T_world_camera for frame in frames]), up=up)
+
+
+def gravity_of(surface: Surface, poses: NDArray, *, up: NDArray | None = None) -> tuple[NDArray, float]:
+    """Estimate as `estimate_gravity` does, from what `sample_surface` found in frames of these poses."""
     if len(surface.points) < FEWEST_POINTS:
         raise InputError(f"expected surfaces to estimate up and the floor from, found {len(surface.points)} points")
-    poses = np.stack([frame.T_world_camera for frame in frames])
     if up is not None:
         unit_up = np.asarray(up, dtype=np.float64) / np.linalg.norm(up)
         return unit_up, _floor_height(surface, poses, unit_up)

@@ -1,7 +1,7 @@
 """The wheel and the source archive: complete, small, and at work in an environment that has never seen the repository.
 
 The wheel is built from the source archive. The fresh environment borrows this one's libraries through a .pth file, as
-downloading them takes minutes, and the machine code of kernels that were compiled before; the package itself comes from
+downloading them takes minutes, and what was compiled before, kernels' machine code too; the package itself comes from
 the wheel alone.
 """
 
@@ -51,18 +51,19 @@ def fresh(built, tmp_path_factory):
     subprocess.run([*pip, "--no-deps", "--no-index", "--no-compile", str(built.wheel)], check=True)
     purelib = Path(sysconfig.get_path("purelib", vars={"base": str(home)}))
     (purelib / "borrowed.pth").write_text(sysconfig.get_path("purelib") + "\n")
-    lend_kernels(purelib)
+    lend_compiled(purelib)
     return home / "bin"
 
 
-def lend_kernels(purelib):
-    """Lend what numba has kept of the repository's kernels to the files that are the same, as old as theirs."""
+def lend_compiled(purelib):
+    """Lend what Python and numba have compiled in the repository to the files that are the same, as old as theirs."""
     for source in (ROOT / "simaps_viz").rglob("*.py"):
         installed = purelib / source.relative_to(ROOT)
         if installed.is_file() and installed.read_bytes() == source.read_bytes():
             shutil.copystat(source, installed)
             installed.with_name("__pycache__").mkdir(exist_ok=True)
-            for kept in source.with_name("__pycache__").glob(f"{source.stem}.*.nb[ci]"):
+            folder = source.with_name("__pycache__")
+            for kept in (*folder.glob(f"{source.stem}.*.nb[ci]"), *folder.glob(f"{source.stem}.*.pyc")):
                 shutil.copy(kept, installed.with_name("__pycache__"))
 
 
