@@ -132,6 +132,8 @@ MAX_SEARCHED = 20_000
 MAX_DEPTH, MAX_FOLDERS = 4, 200
 """Levels of folders, and folders in all, that a recording is looked for in."""
 _IMAGES = (".png", ".pgm", ".jpg", ".jpeg")
+_NUMBER = re.compile(r"\d+(?:\.\d+)?(?=\D*$)")
+"""The last number in a file's name, which may be a time."""
 
 
 def unknown_folder(path: Path, readers: Sequence[Reader]) -> InputError:
@@ -150,21 +152,31 @@ def unknown_folder(path: Path, readers: Sequence[Reader]) -> InputError:
 
 def manifest_for(path: Path) -> str:
     """Return a manifest (JSON) for the pictures in a folder, as far as their names tell."""
-    folders = Counter[tuple[str, str]]()
-    for _, file in zip(range(MAX_SEARCHED), path.rglob("*"), strict=False):
-        if file.suffix.lower() in _IMAGES:
-            folders[file.parent.relative_to(path).as_posix(), file.suffix] += 1
-    lossless = (key for key, _ in folders.most_common() if key[1] in _IMAGES[:2])
-    depth = next((key for key in lossless if "depth" in key[0].lower()), None)
-    color = next((key for key, _ in folders.most_common() if "depth" not in key[0].lower()), None)
-    color, depth = (color, depth) if color and depth else (("color", ".jpg"), ("depth", ".png"))
-    patterns = [f"{folder}/{{frame}}{suffix}" for folder, suffix in (color, depth)]
+    files = (file for _, file in zip(range(MAX_SEARCHED), path.rglob("*"), strict=False))
+    pictures = [file.relative_to(path) for file in files if file.suffix.lower() in _IMAGES]
+    is_depth = ["depth" in picture.as_posix().lower() for picture in pictures]
+    depth = _pattern([p for p, d in zip(pictures, is_depth, strict=True) if d and p.suffix.lower() in _IMAGES[:2]])
+    color = _pattern([p for p, d in zip(pictures, is_depth, strict=True) if not d])
+    if color is None or depth is None:
+        color, depth = Path("color/{frame}.jpg"), Path("depth/{frame}.png")
+    elif color.stem == depth.stem:  # then a frame's name is all of its pictures'
+        color, depth = color.with_stem("{frame}"), depth.with_stem("{frame}")
+    patterns = color.as_posix(), depth.as_posix()
     keys = {
         "format": FORMAT, "color": patterns[0], "depth": patterns[1], "depth_unit_m": 0.001,
         "intrinsics": "intrinsics.txt", "poses": "poses.txt", "up": [0, 0, 1],
     }  # fmt: skip
     lines = (f"  {json.dumps(key)}: {json.dumps(value)}" for key, value in keys.items())
     return "{\n" + ",\n".join(lines) + "\n}"
+
+
+def _pattern(pictures: Sequence[Path]) -> Path | None:
+    """Return what most pictures are called, with {frame} for the last number in a name; None without pictures."""
+    names = Counter(picture.with_stem(_NUMBER.sub("{frame}", picture.stem)) for picture in pictures)
+    if not names:
+        return None
+    name = max(names, key=lambda name: (names[name], any(word in name.stem for word in ("color", "rgb"))))
+    return name if names[name] > 1 and "{frame}" in name.stem else name.with_stem("{frame}")
 
 
 def _nearest(path: Path, readers: Sequence[Reader]) -> str:

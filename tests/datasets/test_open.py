@@ -106,6 +106,38 @@ def test_an_unknown_folder_gets_a_manifest_that_makes_it_readable(tmp_path: Path
         simaps_viz.open_sequence(tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("color", "depth"),
+    [
+        ("color_{}.png", "depth_{}.png"),  # FrankJIE09/tsdf-fusion-python, realsense_tsdf/captured_images
+        ("frame_{}_rgb.png", "frame_{}_depth.png"),  # babaee984/RGBDMotion, Data
+        ("image/rgb{}.png", "depth/depth{}.png"),  # sgffoen/stereo-3d-reconstruction, dataset
+    ],
+)
+def test_the_manifest_of_an_unknown_folder_names_pictures_by_their_numbers(
+    color: str, depth: str, tmp_path: Path
+) -> None:
+    """Colour and depth that lie in one folder, or begin with their own words, share a frame's number alone."""
+    path = write_tiny_sequence(tmp_path / "tiny").parent
+    expected = simaps_viz.open_sequence(path)
+    depth_m = expected.read(1).depth_m
+    (path / "sequence.json").unlink()
+    numbers = {name: str(i) for i, name in enumerate(expected.frame_names)}
+    for i, name in enumerate(expected.frame_names):
+        for kind, called in (("color", color), ("depth", depth)):
+            (file,) = (path / kind).glob(f"{name}.*")
+            (path / called.format(i)).parent.mkdir(exist_ok=True)
+            file.rename(path / called.format(i))
+    for file in (path / "ids").iterdir():
+        file.unlink()
+    lines = [line.split(maxsplit=1) for line in (path / "poses.txt").read_text().splitlines()]
+    (path / "poses.txt").write_text("\n".join(f"{numbers.get(name, name)} {rest}" for name, rest in lines))
+    (path / "sequence.json").write_text(opening.manifest_for(path))
+    found = simaps_viz.open_sequence(path)
+    np.testing.assert_array_equal(found.poses, expected.poses)
+    np.testing.assert_allclose(found.read(1).depth_m, depth_m, atol=1e-6)
+
+
 def test_what_is_nearest_and_what_it_lacks(tmp_path: Path) -> None:
     path = replica(tmp_path).path
     (path / "traj.txt").unlink()
