@@ -18,6 +18,8 @@ from simaps_viz.mapping.changes import changes_in
 from simaps_viz.mapping.in_space import all_instances, has_voxels
 from simaps_viz.structures import Instance, SIMap
 
+_FLOOR_M = 0.025
+"""What begins lower, or below the floor by what depth is off, begins at the floor."""
 MAX_ROWS = 8
 """Classes that a page's legend shows at once; the others are folded up."""
 MAX_CHIPS = 40
@@ -149,7 +151,8 @@ def _size(instance: Instance) -> str:
     if box is None:
         return "too little of its surface was seen to tell"
     sides = " × ".join(f"{side:.2f}" for side in box.size_m)
-    return f"{sides} m, from {box.center_m[2] - box.size_m[2] / 2:.2f} m up"
+    low_m = box.center_m[2] - box.size_m[2] / 2
+    return f"{sides} m, {'from the floor up' if low_m < _FLOOR_M else f'from {low_m:.2f} m up'}"
 
 
 def _related(simap: SIMap, instance: Instance) -> list[tuple[str, Iterable[int]]]:

@@ -69,7 +69,7 @@ class Things:
     tied: tuple[Any, ...] = ()
     """Once the first were chosen: those that are as near, as large and so on, as far as the map can tell."""
     surer: tuple[Any, ...] = ()
-    """Of the nearest, if that is doubtful: the nearest that is not, which others are looked for by."""
+    """Of the nearest, if that is doubtful or behind a wall: the nearest that is not, which others are looked for by."""
 
     def __len__(self) -> int:
         return len(self.items)

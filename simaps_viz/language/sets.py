@@ -140,6 +140,8 @@ class Sets(Grounding):
         self.answer: dict[str, Any] | None = None
         """What ``tell`` answered so far: text, value (of several questions a list), instances."""
         self._values: list[Any] = []
+        self.counted: list[Things] = []
+        """What was counted since ``tell`` answered last and nothing else was measured."""
         self.notes: dict[str, None] = {}
         """What was chosen although the map cannot tell it from others, in words."""
         self.anchors: dict[int, None] = {}
@@ -163,6 +165,8 @@ class Sets(Grounding):
         self.look(sum(len(value) for value in arguments.values() if isinstance(value, Things)) + 1)
         if function.name in _BY_ANCHOR:
             arguments = {name: value if name == "S" else self._surer(value) for name, value in arguments.items()}
+        if function.name in ("distance", "size"):
+            self.counted.clear()
         found = getattr(self, f"_{function.name}")(**arguments)
         before = dict(self.anchors)
         if isinstance(found, Things) and not found.items and function.name in _RELATIONS:
@@ -185,12 +189,13 @@ class Sets(Grounding):
                 self.anchors[one.id] = None
 
     def _surer(self, value: Any) -> Any:
-        """Return the nearest that is not doubtful instead of the nearest that is, and note that."""
+        """Return the nearest that is neither doubtful nor behind a wall instead of one that is, and note that."""
         if not isinstance(value, Things) or not value.surer:
             return value
         taken, (nearest,) = value.surer[0], value.items
         self.notes = {note: None for note in self.notes if not note.endswith(f": {nearest.name} is taken.")}
-        self.notes[f"{nearest.name.capitalize()} is nearer, but doubtful: {taken.name} is taken."] = None
+        why = "doubtful" if nearest.id in self.simap.doubtful else "behind a wall"
+        self.notes[f"{nearest.name.capitalize()} is nearer, but {why}: {taken.name} is taken."] = None
         return replace(value, items=value.surer, surer=())
 
     # ---- what arguments mean
@@ -1062,14 +1067,31 @@ class Sets(Grounding):
                 f"There {'is' if left == 1 else 'are'} {found.number(left)} besides that one; {n} were asked for."
             )
         chosen = self._first(ranked, n)
-        return self._with_surer(chosen, ranked.items) if key == "near" else chosen
+        from_here = isinstance(of, str) and of in ("", SELF)
+        return self._with_surer(chosen, ranked, from_here=from_here) if key == "near" else chosen
 
-    def _with_surer(self, chosen: Things, ranked: Sequence[Any]) -> Things:
-        """Return the nearest with the nearest that is not doubtful, if itself is."""
-        unsure = [isinstance(item, Instance) and item.id in self.simap.doubtful for item in ranked]
-        if len(chosen) != 1 or not unsure[0] or all(unsure):
+    def _with_surer(self, chosen: Things, ranked: Things, *, from_here: bool = True) -> Things:
+        """Return the nearest with the nearest that is not doubtful, if itself is.
+
+        Where a mere name means one behind a wall, that is the nearest in the robot's room, if there is one.
+        """
+        things = [item for item in ranked.items if isinstance(item, Instance)]
+        if len(chosen) != 1 or not things:
             return chosen
-        return replace(chosen, surer=(ranked[unsure.index(False)],))
+        certain = [thing for thing in things if thing.id not in self.simap.doubtful] or things
+        surer = certain[0]
+        if from_here and not (ranked.before or ranked.after) and self._is_walled_off(surer):
+            here = self._here().objects
+            surer = next((thing for thing in certain if thing.id in here), surer)
+        return chosen if surer is things[0] else replace(chosen, surer=(surer,))
+
+    def _is_walled_off(self, thing: Instance) -> bool:
+        """Whether a thing is in another room than the robot, with a wall between."""
+        here = (self.viewer.x_m, self.viewer.y_m)
+        room = self.simap.room_at(*here) if self.simap.rooms else None
+        if room is None or self._room_ids.get(thing.id, room.id) == room.id:
+            return False
+        return self._walled(np.array(here), np.array(thing.centroid_m[:2]))
 
     def _first(self, S: Named, n: int) -> Things:
         found = self._choice_of(self.set_of(S))
@@ -1086,7 +1108,7 @@ class Sets(Grounding):
     def _the(self, S: Named) -> Things:
         found = self.set_of(S)
         ranked = self._order(found, "near", "") if len(found) > 1 else found
-        nearest = self._with_surer(replace(ranked, levels=()).first(1), ranked.items) if len(found) > 1 else found
+        nearest = self._with_surer(replace(ranked, levels=()).first(1), ranked) if len(found) > 1 else found
         return replace(nearest, instead=found.items[1:])
 
     def _last(self, S: Named, n: int) -> Things:
@@ -1114,7 +1136,9 @@ class Sets(Grounding):
     # ---- numbers
 
     def _count(self, S: Named) -> int:
-        return len(self.set_of(S))
+        found = self.set_of(S)
+        self.counted.append(found)
+        return len(found)
 
     def distance_between(self, A: Any, B: Any) -> float:
         """Return how far apart two things, rooms, positions, or the robot, are, edge to edge, metres."""
@@ -1296,6 +1320,7 @@ class Sets(Grounding):
 
     def _tell(self, value: Any, kind: str, other: Any, key: str) -> None:
         text, said, things = told(self, value, kind, other, key)
+        self.counted.clear()
         before = self.answer or {"text": "", "instances": []}
         ids = [*before["instances"], *(i.id for i in things)]
         self._values.append(said)

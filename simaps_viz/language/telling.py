@@ -50,7 +50,9 @@ def told(sets: "Sets", value: Any, kind: str, other: Any, key: str) -> Told:
 
 def _told(sets: "Sets", value: Any, kind: str, other: Any, key: str) -> Told:
     if isinstance(value, int | float | list):
-        return _plain(value, kind)
+        numbers = [_numbered(sets, one) for one in sets.counted]
+        text, said, things = _plain(value, kind)
+        return (f"{text[:-1]}: {'; '.join(numbers)}." if numbers and isinstance(value, bool) else text), said, things
     found = sets.set_of(_room_or(sets, value))
     if not found.items:
         return _nothing(found, kind)
@@ -108,11 +110,15 @@ def _nothing(found: Things, kind: str) -> Told:
 
 
 def _number(sets: "Sets", found: Things, where: str = "") -> str:
-    """Return how many there are, and how many of them are doubtful, in words."""
+    """Return "are 3 chairs", with how many of them are doubtful."""
+    return f"{'is' if len(found) == 1 else 'are'} {_numbered(sets, found, where)}"
+
+
+def _numbered(sets: "Sets", found: Things, where: str = "") -> str:
     n, doubtful = len(found), sum(thing.id in sets.simap.doubtful for thing in found.items)
     some = "all" if doubtful == n else doubtful
     more = f", {some} of them doubtful" if doubtful and n > 1 else ""
-    return f"{'is' if n == 1 else 'are'} {found.number()}{where}{more}"
+    return f"{found.number()}{where}{more}"
 
 
 def _count(sets: "Sets", found: Things) -> Told:
@@ -235,6 +241,9 @@ def _way(sets: "Sets", found: Things, other: Any, _: str) -> Told:
     through = f" through {_and(rooms)}" if len(rooms) > 1 else ""
     where = f"from {_name_of(begin)} to {_name_of(found)}" if begin else f"to {_name_of(found)}"
     text = f"The way {where} is {path.length_m:.1f} m long{through}{': ' if parts else ''}{'; '.join(parts)}."
+    if isinstance(goal, Instance):
+        off_m = sets.distance_between(goal, path.points_m[-1].tolist())
+        text += f" It ends {off_m:.1f} m from the edge of {_name_of(found)}."
     return text, round(path.length_m, 3), [goal] if isinstance(goal, Instance) else []
 
 

@@ -585,7 +585,7 @@ def between_words(found: Between, first: str, second: str) -> str:
         )
     apart = "touch" if link.touching else f"are {link.distance_m:.2f} m apart"
     words = link_words(found.method, found.threshold, link)
-    return f"{first} and {second} {apart}: {words}.{_pooled(found.method, link)}"
+    return f"{first} and {second} {apart}: {words}.{_pooled(found.method, link, found.threshold)}"
 
 
 def _one_object(why: Why) -> str:
@@ -625,15 +625,16 @@ def _weakest(why: Why) -> str:
     if len(why.together) == 0:
         alone = "" if method_of(method).weights_per_frame else f", which counts as {score_text(method, weakest.score)}"
         return f"{text}no frame saw both parts, but they touch{alone}.{less}"
-    return f"{text}{together_words(why.together)}.{_pooled(method, weakest)}{less}"
+    return f"{text}{together_words(why.together)}.{_pooled(method, weakest, why.threshold)}{less}"
 
 
-def _pooled(method: str, evidence: Joint | Link) -> str:
+def _pooled(method: str, evidence: Joint | Link, threshold: float) -> str:
     """Return the sentence with the sightings that a score comes from; frames count by the pairs of cells they saw."""
     if method_of(method).weights_per_frame or evidence.same + evidence.different == 0:
         return ""
     few = " So few sightings count only in part." if evidence.same + evidence.different < FEW else ""
-    return f" Cell by cell: {_sightings(evidence.same, evidence.different)}.{few}"
+    score = score_text(method, evidence.score, threshold)
+    return f" The {score} is counted cell by cell: {_sightings(evidence.same, evidence.different)}.{few}"
 
 
 def _below(method: str, threshold: float, link: Link) -> str:

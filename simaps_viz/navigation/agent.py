@@ -1,9 +1,9 @@
 """A simulated robot that carries out programs and spoken commands on a map."""
 
 import re
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import Any, Literal
 from weakref import WeakKeyDictionary
@@ -13,15 +13,19 @@ from numpy.typing import NDArray
 
 from simaps_viz.colors.classes import plural
 from simaps_viz.errors import CommandError, InputError, PlanningError
-from simaps_viz.language.commands import Reading, instead, read_command
+from simaps_viz.language.commands import MAX_SUGGESTIONS, Reading, instead, read_command
+from simaps_viz.language.grounding import Grounding
 from simaps_viz.language.interpreter import Budget, BudgetError, interpret
 from simaps_viz.language.primitives import FUNCTIONS
 from simaps_viz.language.program import ProgramError, ProgramStuckError, parse_program
 from simaps_viz.navigation.planner import Planner, RobotShape
 from simaps_viz.navigation.robot import Goal, Motion, Robot
-from simaps_viz.structures import Pose2, SIMap
+from simaps_viz.structures import Instance, Pose2, SIMap
 
 _CALL = re.compile(rf"\brobot\s*\.\s*[^\W\d]\w*\s*\(|\b(?:{'|'.join(FUNCTIONS)})\(")
+_BY_NAME = re.compile(r'robot\.(?!move_to_nth_closest|get_|in_view|instances)\w+\("([^"]+)"\)')
+"""A line that moves by the name of a thing alone."""
+_MAX_TRIED = 8
 _PLANNERS: WeakKeyDictionary[SIMap, dict[RobotShape, Planner]] = WeakKeyDictionary()
 
 
@@ -99,7 +103,7 @@ class Answer:
 def outcome_text(answer: Answer) -> str:
     """Answer a question, or describe in one sentence where the robot goes and how far, or why it does not."""
     if answer.status != "ok":
-        return answer.reason or ""
+        return (answer.reason or "")[:1].upper() + (answer.reason or "")[1:]
     said = str(answer.answer["text"]) if answer.answer else ""
     if said and not answer.goals and answer.path_length_m == 0.0:
         return said
@@ -281,15 +285,19 @@ def answer(
         raise InputError(f"pose: expected three finite numbers, found {pose.x_m}, {pose.y_m}, {pose.yaw_rad}")
     written = command if program is None and is_program(command) else program
     reading = Reading(written or "")
+    agent, certain = Agent(simap, pose, robot), ()
     try:
         if written is None:
             reading = reader(command, simap.counts(hidden=True))
-        run = Agent(simap, pose, robot).rehearse(reading.program)
+            reading, certain = _certain(agent, reading)
+        run = agent.rehearse(reading.program)
     except (CommandError, PlanningError) as error:
         failed = isinstance(error, PlanningError | BudgetError)
         located = error if isinstance(error, ProgramError | ProgramStuckError) else None
         reason = located.message if located and written is None else str(error)
         suggested = instead(command, simap.counts(hidden=True)) if written is None else ()
+        if failed and located and written is None:
+            suggested = _reachable(agent, reading.program, located) or suggested
         return Answer(
             "failed" if failed else "refused", reason, reading.program, (), np.array([[pose.x_m, pose.y_m]]), pose, 0.0,
             reading.notes, reading.alternatives, line=located.line if located else None,
@@ -299,8 +307,72 @@ def answer(
     return Answer(
         "ok", None, reading.program, tuple(end.goals), np.array(end.path_m, np.float64), end.pose, end.path_length_m,
         (*reading.notes, *end.grounding.notes), reading.alternatives, end.answer, run.steps,
-        anchors=tuple(end.grounding.anchors),
+        suggestions=certain, anchors=tuple(end.grounding.anchors),
     )  # fmt: skip
+
+
+def _certain(agent: Agent, reading: Reading) -> tuple[Reading, tuple[str, ...]]:
+    """Return a reading that takes the nearest certain thing for a mere name whose nearest is doubtful, if it can.
+
+    Its program says so by the rank: ``robot.move_to_object("oven", 2)``. With it come commands for the nearest ones.
+    """
+    program, doubtful, settled = reading.program, agent.simap.doubtful, set[int]()
+    notes, passed = dict[str, None](), dict[int, Instance]()
+    while doubtful:
+        begun, stuck = _begun(agent, program)
+        lines = program.splitlines()
+        for line, pose in begun:
+            named = [] if line in settled else _by_name(agent.simap, lines[line - 1], pose)
+            rank = next((rank for rank, one in enumerate(named, start=1) if one.id not in doubtful), 0)
+            if rank > 1:
+                break
+        else:
+            break
+        settled.add(line)
+        lines[line - 1] = f"{lines[line - 1][:-1]}, {rank})"
+        certain, nearest, taken = "\n".join(lines), named[0], named[rank - 1].name
+        seen = f"doubtful, seen in {plural(nearest.frames, 'frame')} of {len(agent.simap.frame_names)}"
+        if line == _begun(agent, certain)[1] != stuck:
+            notes[f"{nearest.name.capitalize()} is {seen}; {taken}, which is certain, cannot be reached."] = None
+            continue
+        program = certain
+        notes[f"{nearest.name.capitalize()} is nearer, but {seen}: {taken} is taken."] = None
+        passed[nearest.id] = nearest
+    return replace(reading, program=program, notes=(*reading.notes, *notes)), _commands_to(agent, passed.values())
+
+
+def _begun(agent: Agent, program: str) -> tuple[list[tuple[int, Pose2]], int]:
+    """Return each line that a program begins, with where the robot is then, and the line that it is stuck at, or 0."""
+    try:
+        return [(step.line, step.pose) for step in agent.rehearse(program).steps if not step.done], 0
+    except (ProgramError, ProgramStuckError) as error:
+        return [(error.line, error.pose or agent.pose)], error.line
+
+
+def _by_name(simap: SIMap, line: str, pose: Pose2) -> list[Instance]:
+    """Return the things, the closest first, of which a line of a program takes the closest by its mere name."""
+    name = _BY_NAME.fullmatch(line)
+    with suppress(CommandError):  # a room
+        return list(Grounding(simap, pose).instances(name[1])) if name else []
+    return []
+
+
+def _reachable(agent: Agent, program: str, stuck: ProgramError | ProgramStuckError) -> tuple[str, ...]:
+    """Return commands that go to others of that name, the nearest first, where the one meant is out of reach."""
+    one_line = re.sub(r", \d+\)$", ")", program)
+    if not one_line.startswith("robot.move_to_object("):
+        return ()
+    return _commands_to(agent, _by_name(agent.simap, one_line, stuck.pose or agent.pose)[:_MAX_TRIED])
+
+
+def _commands_to(agent: Agent, things: Iterable[Instance]) -> tuple[str, ...]:
+    """Return the commands that go to things, as far as these can be reached; the first few of them."""
+    found = []
+    for one in things:
+        with suppress(CommandError, PlanningError):
+            agent.rehearse(f'robot.move_to_object(called(things("{one.label}"), {one.id}))')
+            found.append(f"go to {one.name}")
+    return tuple(found[:MAX_SUGGESTIONS])
 
 
 def is_program(command: str) -> bool:

@@ -573,7 +573,8 @@ class Planner:
         if len(rows) == 0:
             return f"there is no free floor the robot can reach {what}"
         near_m = float(np.sqrt(self._squared_cells(rows, cols, target_m)[0].min())) * self.spec.cell_size_m
-        return f"the robot cannot get {what}: the nearest it can stand is {near_m:.2f} m off (at most {APPROACH_M:g} m)"
+        there = f"only a stop within {APPROACH_M:g} m counts as there"
+        return f"the robot cannot get {what}: the nearest it can stand is {near_m:.2f} m off, and {there}"
 
 
 def _clear(blocked: NDArray, needed: float) -> NDArray:

@@ -689,6 +689,10 @@ def test_corrections_additions_and_returns_are_kept(said: str, program: str) -> 
             "if there isn't a chair near the couch, go to the table",
             'if count(near(things("chair"), the(things("couch")))) == 0:\n    robot.move_to_object("dining table")',
         ),
+        *(
+            (said, 'tell(count(things("chair")) > count(things("dining table")), "whether")')
+            for said in ("more chairs than tables?", "are there more chairs than tables?")
+        ),
         (
             "are there more chairs than tables in the kitchen?",
             'tell(count(inside(things("chair"), room("kitchen"))) > count(inside(things("dining table"), '

@@ -644,8 +644,62 @@ def test_others_are_looked_for_by_what_is_not_doubtful_where_there_is_one() -> N
         assert len([one for one in tied.notes if "is taken" in one]) == 1, tied.notes
         told = simaps_viz.ask(known, "how many chairs are next to the plant?", pose=Pose2(0.3, 2.5, 0.0))
         assert told.anchors == (anchor,) and (told.answer or {})["instances"] == [chair]
-        itself = simaps_viz.ask(known, "go to the plant", pose=Pose2(0.3, 2.5, 0.0))
-        assert itself.goals[0].instance == glance and not itself.anchors  # what is asked for itself is the nearest
+        itself = simaps_viz.ask(known, 'robot.move_to_object("potted plant")', pose=Pose2(0.3, 2.5, 0.0))
+        assert itself.goals[0].instance == glance and not itself.anchors  # the primitive takes the nearest
+        for said in ("go to the plant", "turn right, then go to the nearest plant"):
+            spoken = simaps_viz.ask(known, said, pose=Pose2(0.3, 2.5, 0.0))
+            assert spoken.goals[-1].instance == (plant if len(faint) == 1 else glance), said
+            assert spoken.program.endswith('("potted plant", 2)' if len(faint) == 1 else '("potted plant")'), said
+            taken = f"is nearer, but doubtful, seen in 1 frame of 200: potted plant {plant} is taken."
+            assert (f"Potted plant {glance} {taken}" in spoken.notes) == (len(faint) == 1)
+            assert spoken.suggestions == ((f"go to potted plant {glance}",) if len(faint) == 1 else ())
+        named = simaps_viz.ask(known, f"go to potted plant {glance}", pose=Pose2(0.3, 2.5, 0.0))
+        assert named.goals[0].instance == glance
+
+
+def test_a_doubtful_thing_is_taken_where_no_certain_one_can_be_reached_and_others_are_offered() -> None:
+    """Two plants on this side of a wall from end to end, and one on the other side."""
+    things = [("potted plant", x, y, x + 0.3, y + 0.3, 0.5) for x, y in ((0.4, 0.4), (0.4, 2.3), (5.8, 1.2))]
+    simap = furnished_map({"size_m": (8.0, 3.0), "walls": [(3.8, 0.0, 5.6, 3.0)], "things": things})
+    near, other, beyond = simap.instances
+    frames = tuple(f"{number:06d}" for number in range(200))
+
+    def known(*certain: Instance) -> SIMap:
+        seen = [dataclasses.replace(one, frames=9 if one in certain else 1) for one in simap.instances]
+        return dataclasses.replace(simap, instances=tuple(seen), frame_names=frames)
+
+    answer = simaps_viz.ask(known(beyond), "go to the plant", pose=Pose2(1.4, 1.2, 0.0))
+    assert (answer.status, answer.goals[0].instance) == ("ok", near.id)
+    certain = f"{beyond.name}, which is certain, cannot be reached."
+    assert f"{near.name.capitalize()} is doubtful, seen in 1 frame of 200; {certain}" in answer.notes
+    assert answer.program == 'robot.move_to_object("potted plant")'
+    failed = simaps_viz.ask(known(near, other, beyond), "go to the plant", pose=Pose2(3.5, 1.3, 0.0))
+    assert failed.status == "failed" and "only a stop within 1.5 m counts as there" in (failed.reason or "")
+    assert failed.suggestions == (f"go to {near.name}", f"go to {other.name}")
+
+
+def test_a_mere_name_by_which_others_are_looked_for_is_in_the_room_of_the_robot() -> None:
+    flat = furnished_map(json.loads((Path(__file__).parent / "rounds/flat.json").read_text()))
+    pose = Pose2(8.53, 2.88, 0.0)  # in the office, where plant 43 is; plant 29 is nearer, behind the wall
+    answer = simaps_viz.ask(flat, "go to the chair nearest the plant", pose=pose)
+    assert answer.anchors == (43,)
+    assert "Potted plant 29 is nearer, but behind a wall: potted plant 43 is taken." in answer.notes
+    for said in ("go to the plant", "go to the chair nearest to potted plant 29"):  # these mean what they name
+        asked = simaps_viz.ask(flat, said, pose=pose)
+        assert 29 in (asked.goals[0].instance, *asked.anchors), said
+
+
+def test_an_answer_about_numbers_says_them() -> None:
+    for question, said in (
+        ("are there more chairs than tables?", "Yes: 3 chairs; 2 dining tables."),
+        ("are there more than four chairs?", "No: 3 chairs."),
+        ("is there more than one plant?", "No: 1 potted plant."),
+    ):
+        answer = simaps_viz.ask(toy_map(), question, pose=TOY_POSE).answer
+        assert answer and answer["text"] == said, question
+    within = "if count('chair') > 2:\n    tell(distance('couch') < 90, 'whether')"
+    answer = simaps_viz.ask(toy_map(), within, pose=TOY_POSE).answer
+    assert answer and answer["text"] == "Yes."
 
 
 def test_what_stands_behind_a_wall_is_neither_next_to_a_thing_nor_beside_it() -> None:

@@ -36,12 +36,15 @@ from simaps_viz.navigation.trajectory import (
 )
 from simaps_viz.structures import Pose2
 from simaps_viz.viewer.panels.command import (
+    MEANS,
+    NEAREST,
     PAST,
     READING,
     WORKS,
     CommandPanel,
     anchors_text,
     beyond_text,
+    by_other_anchors,
     each_why,
     entered,
     exchanges_html,
@@ -51,6 +54,7 @@ from simaps_viz.viewer.panels.command import (
     pose_of_sides,
     program_html,
     sides_text,
+    stop_text,
     why_text,
 )
 from simaps_viz.viewer.panels.help import HelpPanel
@@ -194,6 +198,11 @@ def test_a_stop_on_the_far_side_has_its_reason():
         name = simap.of_class("counter")[0].name
         assert beyond_text(simap, said).startswith(f"It stops on the far side of {name}: nowhere on the near") == beyond
         assert beyond_text(simap, answer(simap, "go to the north side of the counter", start)) == ""  # as it was asked
+    # From the west that stop is at its side, and from the north-east it is on the near one.
+    for x_m, y_m, beyond in ((0.6, 3.2, False), (0.6, 1.0, True), (5.5, 5.0, False)):
+        said = answer(simap, "go to the counter", Pose2(x_m, y_m, 0.0))
+        assert said.final_pose.y_m > 3.6 and bool(beyond_text(simap, said)) == beyond, (x_m, y_m)
+    said = answer(simap, "go to the counter", start)
     stray, stop = simap.instance.copy(), said.final_pose
     stray[simap.spec.cell_of(stop.x_m, stop.y_m + 0.6)] = said.goals[0].instance  # passed from the north, too
     north = replace(said, path_m=np.array([[stop.x_m, stop.y_m + 1.2], [stop.x_m, stop.y_m]]))
@@ -217,6 +226,58 @@ def test_a_stop_far_from_the_thing_has_its_reason():
 
 RING = [(2.7, 2.7, 2.6, 0.4), (2.7, 4.9, 2.6, 0.4), (2.7, 3.1, 0.4, 1.8), (4.9, 3.1, 0.4, 1.8)]
 """West, south, width and depth of cabinets all around a plant."""
+
+
+def test_it_is_said_how_far_from_the_thing_the_path_ends_and_where_the_robot_has_it_then():
+    simap = furnished_map({"size_m": (6.0, 6.0), "walls": [], "things": [("couch", 2.6, 2.5, 3.4, 3.5, 0.7)]})
+    couch, turn = simap.instances[0].name, 'then: add "and face it" to have it turn.'
+    for x_m, heading, where in ((2.4, 90.0, ""), (2.4, 180.0, "on its left"), (2.4, 270.0, "behind it")):
+        there = answer(simap, f"robot.move_to([{x_m}, 3.2])\nrobot.turn_absolute({heading})", Pose2(0.5, 3.0, 0.0))
+        said = answer(simap, "go to the couch", Pose2(0.5, 3.0, 0.0))
+        said = replace(said, final_pose=replace(said.final_pose, yaw_rad=there.final_pose.yaw_rad))
+        text = stop_text(simap, said)
+        assert re.match(rf"The path ends 0\.\d\d m from the edge of {couch}", text), text
+        assert text.endswith(f", and the robot has that {where} {turn}" if where else f"{couch}."), text
+    for command in (
+        "go to the couch and face it",
+        "face the couch",
+        "go to the couch, then go back",
+        "is there a couch?",
+    ):
+        assert stop_text(simap, answer(simap, command, Pose2(0.5, 3.0, 0.0))) == "", command
+
+
+def test_other_things_are_offered_for_the_one_that_others_were_looked_for_by():
+    simap = toy_map()
+    find = lambda label, pose: Grounding(simap, pose).candidates(label)  # noqa: E731
+    near, far = (one.instance for one in find("dining table", TOY_POSE))
+    said = answer(simap, 'robot.move_to_object(nearest(things("chair"), 1, the(things("dining table"))))', TOY_POSE)
+    others = by_other_anchors(said, find, TOY_POSE)
+    assert said.anchors == (near.id,)
+    assert others == [f'robot.move_to_object(nearest(things("chair"), 1, called(things("dining table"), {far.id})))']
+    assert answer(simap, others[0], TOY_POSE).goals[0].instance != said.goals[0].instance
+    for command in ("go to the chair", "go to the chair nearest the couch"):  # no other, or none to choose of
+        assert by_other_anchors(answer(simap, command, TOY_POSE), find, TOY_POSE) == []
+
+
+def test_a_doubtful_thing_gives_way_to_a_certain_one_and_is_offered():
+    simap = toy_map()
+    first, second = sorted(simap.of_class("chair"), key=Grounding(simap, TOY_POSE).distance_m)[:2]
+    ones = [replace(one, frames=1 if one.id == first.id else 9) for one in simap.instances]
+    known = replace(simap, instances=tuple(ones), frame_names=tuple(f"{i}" for i in range(200)))
+    with Workbench(known, services=real_services(), port=free_port(), start=TOY_POSE) as bench, fake_page(bench):
+        panel = mine(bench).panels[CommandPanel]
+        panel._drive.speed = 8.0
+        panel.ask("go to the chair")
+        until(lambda: "Done" in shown(bench))
+        assert f"{first.name.capitalize()} is nearer, but doubtful, seen in 1 frame of 200" in shown(bench)
+        assert f"{second.name} is taken" in shown(bench) and NEAREST in shown(bench)
+        assert shown(bench).count(MEANS) == 1
+        until(lambda: [one.label for one in panel._suggested if one.visible] == [f"go to {first.name}"])
+        panel._try_instead(0)
+        until(lambda: "Done" in shown(bench) and NEAREST not in shown(bench))
+        assert panel._answer is not None and panel._answer.goals[0].instance == first.id
+        assert f"{first.name.capitalize()} is doubtful, seen in 1 frame of 200." in shown(bench)
 
 
 def test_what_another_class_was_looked_up_by_is_not_taken_for_the_reason():
@@ -417,6 +478,7 @@ def test_a_program_that_gets_stuck_marks_the_line():
         mine(bench).panels[CommandPanel]._drive.speed = 8.0
         mine(bench).panels[CommandPanel].ask("robot.turn(90)\nrobot.move_forward(50)\n")
         until(lambda: "Failed" in shown(bench))
+        assert re.search(r"<div>Line 2: ", shown(bench))  # a sentence begins with a capital letter
         assert "✖" in mine(bench).panels[CommandPanel]._program.content and "is free for" in shown(bench)
         assert mine(bench).pose == TOY_POSE, "what cannot be done is said before the first turn"
         until(lambda: [past.status for past in mine(bench).panels[CommandPanel]._past] == ["failed"])
@@ -543,11 +605,13 @@ def test_another_reading_is_told_in_words():
         panel._drive.speed = 8.0
         for others[0], words in (
             ('robot.move_to_object("potted plant")', r"To the potted plant, a path of .* That is potted plant 9\."),
-            ('robot.move_to_object("piano")', r"It cannot be done: .*There is no piano on this map\."),
+            ('robot.move_to_object("piano")', ""),  # what cannot be done is not offered
+            ('robot.move_to_object("couch", 1)', ""),  # nor what comes to the same
         ):
             panel.ask("there")
             until(lambda: "Done" in shown(bench))
-            assert re.search(words, panel._other_program.content) and panel._other.visible
+            assert re.search(words, panel._other_program.content) and panel._other.visible == bool(words)
+            assert "line 1" not in panel._other_program.content
             panel.reset()
             assert not panel._other.visible
 

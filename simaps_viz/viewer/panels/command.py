@@ -29,7 +29,7 @@ from simaps_viz.drawing.theme import (
     SENT_PAPER_STYLE,
 )
 from simaps_viz.errors import SIMapsError
-from simaps_viz.geometry import STANDS_FROM_M
+from simaps_viz.geometry import STANDS_FROM_M, wrap_angle
 from simaps_viz.language.commands import MAX_SUGGESTIONS
 from simaps_viz.language.grounding import Candidate
 from simaps_viz.language.llm_settings import Exchange
@@ -74,6 +74,10 @@ TURNS = ("face", "with_object_on_left", "with_object_on_right")
 """Primitives whose goals the robot does not drive to."""
 _CHOOSES = re.compile(rf"\b(?:{'|'.join(_CHOOSERS)})\(")
 """Calls with which a program chooses otherwise than by name and rank."""
+_ANCHOR = re.compile(r'\b(?:the|nearest)\(things\("([^"]+)"\)\)')
+"""One thing by which a program looks for others: the nearest of its name."""
+_MAX_ANCHORS = 2
+"""Others that are offered instead of it."""
 _CALLED = re.compile(r"\bcalled\([^,]*, (\d+)\)")
 """What is named by its number: there was no choice."""
 
@@ -158,18 +162,43 @@ def beyond_text(simap: SIMap, answer: Answer) -> str:
         return _aside_text(simap.by_id(goal.instance), simap.by_id(goal.other_instance), answer.path_m[-1])
     if goal is None or goal.primitive not in ("move_to_object", "move_to_nth_closest") or not goal.instance:
         return ""
-    start, stop = answer.path_m[0], answer.path_m[-1]
+    start, stop, name = answer.path_m[0], answer.path_m[-1], simap.by_id(goal.instance).name
     cells = simap.spec.centres_of(*np.nonzero(simap.instance == goal.instance))
-    steps = 2 + int(2.0 * np.hypot(*(stop - start)) / simap.spec.cell_size_m)
-    passed = {one.id for x, y in np.linspace(start, stop, steps) if (one := simap.at(float(x), float(y))) is not None}
-    name = simap.by_id(goal.instance).name
-    if goal.instance not in passed:
-        away_m = np.hypot(*(cells - stop).T).min() if len(cells) else 0.0
-        return f"It stops {away_m:.1f} m from {name}: nowhere nearer is there room for it." if away_m > FAR_M else ""
-    nearest = cells[np.hypot(*(cells - stop).T).argmin()]
-    if (stop - nearest) @ (start - nearest) >= 0.0:  # it stops on the side that it comes from
+    if len(cells) and _is_beyond(cells, start, stop):
+        return f"It stops on the far side of {name}: nowhere on the near side is there room to get as close."
+    away_m = np.hypot(*(cells - stop).T).min() if len(cells) else 0.0
+    return f"It stops {away_m:.1f} m from {name}: nowhere nearer is there room for it." if away_m > FAR_M else ""
+
+
+def _is_beyond(cells: NDArray, start: NDArray, stop: NDArray) -> bool:
+    """Whether a point is on the side of an object that is away from another one, within 60 degrees.
+
+    What is long is first pressed to a square: all of its other long side is away.
+    """
+    middle, sides, turned = cv2.minAreaRect(cells.astype(np.float32))
+    along = np.deg2rad(turned)
+    axes = np.array([[np.cos(along), np.sin(along)], [-np.sin(along), np.cos(along)]]) / np.maximum(sides, 0.1)[:, None]
+    a, b = axes @ (stop - middle), axes @ (middle - start)
+    return bool(a @ b >= 0.5 * np.hypot(*a) * np.hypot(*b))
+
+
+def stop_text(simap: SIMap, answer: Answer) -> str:
+    """Return how far from the edge of what it was sent to the robot stops, and where that is then.
+
+    Empty where the last goal is no drive to one object: a program that turns to it leaves nothing to explain.
+    """
+    goal = answer.goals[-1] if answer.goals and len(answer.path_m) > 1 else None
+    if goal is None or not goal.instance or goal.other_instance or goal.primitive in TURNS:
         return ""
-    return f"It stops on the far side of {name}: nowhere on the near side is there room to get as close."
+    one, pose, end = simap.by_id(goal.instance), answer.final_pose, answer.path_m[-1]
+    cells = simap.spec.centres_of(*np.nonzero(simap.instance == goal.instance))
+    if not (len(cells) and np.allclose(goal.point_m, end)):  # nothing shows it, or the robot drove on
+        return ""
+    x, y = np.subtract(one.centroid_m[:2], end)
+    side = round(2.0 * wrap_angle(float(np.arctan2(y, x)) - pose.yaw_rad) / np.pi)
+    where = ("", "on its left", "behind it", "on its right")[side % 4]
+    turned = f', and the robot has that {where} then: add "and face it" to have it turn' if where else ""
+    return f"The path ends {np.hypot(*(cells - end).T).min():.2f} m from the edge of {one.name}{turned}."
 
 
 def _aside_text(first: Instance, second: Instance, stop: NDArray) -> str:
@@ -270,6 +299,31 @@ def anchors_text(simap: SIMap, answer: Answer, doubtful: Collection[int]) -> lis
         if unsure or sum(other.label == one.label for other in simap.objects) > 1:
             texts.append(f"The {one.label} that is meant is {one.name}{unsure}.")
     return texts
+
+
+def by_other_anchors(answer: Answer, candidates_at: CandidatesAt, pose: Pose2) -> list[str]:
+    """Return the program of an answer with each of its single `Answer.anchors` exchanged for the next of its name.
+
+    Args:
+        answer: with the program and the anchors.
+        candidates_at: finds all instances of a name, the closest to a pose first.
+        pose: where the command was given.
+    """
+    programs = []
+    for one in dict.fromkeys(_ANCHOR.finditer(answer.program or "")):
+        ids = [candidate.instance.id for candidate in candidates_at(one[1], pose)]
+        others = [number for number in ids if number not in answer.anchors]
+        if len(others) < len(ids):  # it is one of the anchors
+            called = [f'called(things("{one[1]}"), {number})' for number in others[:_MAX_ANCHORS]]
+            programs += [answer.program.replace(one[0], other) for other in called]
+    return list(dict.fromkeys(programs))
+
+
+def _done(answer: Answer) -> tuple[Any, ...]:
+    """Return what an answer comes to, however its program says so."""
+    goals = [(goal.primitive, goal.instance, goal.other_instance, goal.point_m) for goal in answer.goals]
+    told = answer.answer or {}
+    return goals, told.get("text"), told.get("instances"), answer.final_pose
 
 
 def pose_of_sides(answer: Answer) -> Pose2 | None:
@@ -514,7 +568,8 @@ OUTLINE_M = 0.014
 GOAL_M = 0.25
 """Half the side of the square around the robot's final position that is kept free of labels."""
 STOPS = "stops here"
-WORKS = "These work here, for example:"
+WORKS, NEAREST = "These work here, for example:", "If the nearest one is meant all the same:"
+MEANS = "Doubtful is what was seen too little to count."
 WELCOME, TYPING = "Try an example, or type what the robot shall do.", "Go sends it."
 READING, PAST = "Reading it …", "The map is shown as it was: Go does this on the finished one."
 
@@ -805,7 +860,7 @@ class CommandPanel(Panel):
             raise
         if cancel.is_set():
             return
-        self._answer, self._readings = answer, (*answer.alternatives, *readings)
+        self._answer, self._readings = answer, self._other_readings(simap, answer, readings)
         self._begin(simap, answer, cancel, paused)
 
     def _answer_to(self, simap: SIMap, command: str, cancel: threading.Event, by_model: bool) -> Answer:
@@ -827,7 +882,7 @@ class CommandPanel(Panel):
         labels, self._why = self._explain(simap, answer)
         planned = self._trajectory_for(answer) if answer.status == "ok" else None
         other = next(iter(self._readings), None)
-        words = "" if other is None else self._in_words(simap, other)
+        words = "" if other is None else self._in_words(simap, self._try(simap, other))
         if cancel.is_set():
             return
         self._show_program(answer.program or "")
@@ -848,14 +903,35 @@ class CommandPanel(Panel):
         self._drive.start(planned, paused=paused)
         self._preview_another()
 
-    def _in_words(self, simap: SIMap, program: str) -> str:
-        """Describe what another reading does from where the command was given."""
-        if self._services.ask is None:
-            return ""
-        other = self._services.ask(simap, program, self._asked_at, robot=self._page.robot)
+    def _other_readings(self, simap: SIMap, answer: Answer, readings: Sequence[str]) -> tuple[str, ...]:
+        """Return the programs of other meanings that can be carried out from where the command was given.
+
+        Those that come to the same as the answer, or as one before them, are left out.
+        """
+        find, ask = self._services.candidates, self._services.ask
+        if ask is None:
+            return ()
+        by_others = [] if find is None else by_other_anchors(answer, functools.partial(find, simap), self._asked_at)
+        done, kept = [_done(answer)], []
+        for program in dict.fromkeys((*answer.alternatives, *by_others, *readings)):
+            other = self._try(simap, program)
+            is_empty = other.answer is not None and not other.answer["instances"]
+            if other.status == "ok" and not is_empty and _done(other) not in done:
+                done.append(_done(other))
+                kept.append(program)
+        return tuple(kept)
+
+    def _try(self, simap: SIMap, program: str) -> Answer:
+        """Return what a program comes to from where the command was given."""
+        assert self._services.ask is not None
+        return self._services.ask(simap, program, self._asked_at, robot=self._page.robot)
+
+    @staticmethod
+    def _in_words(simap: SIMap, other: Answer) -> str:
+        """Describe what another reading does."""
         numbers = {goal.instance for goal in other.goals if goal.instance}
         name = f" That is {simap.by_id(*numbers).name}." if len(numbers) == 1 else ""
-        return f"{'' if other.status == 'ok' else 'It cannot be done: '}{outcome_text(other)}{name}"
+        return f"{outcome_text(other)}{name}"
 
     def _mark(self, answer: Answer, labels: Sequence[Label], stop: str = "") -> None:
         """Outline and number what a command means, or an answer speaks of, and dim all else; ``stop`` names the end."""
@@ -989,6 +1065,7 @@ class CommandPanel(Panel):
                 *each,
                 *anchors,
                 beyond_text(simap, answer),
+                stop_text(simap, answer),
                 *self._cautions(simap, answer, *each),
             )
         candidates = in_asked_order(answer, find(simap, labels.pop(), self._page.pose))
@@ -998,15 +1075,23 @@ class CommandPanel(Panel):
         away = _FROM_WHAT.search(answer.goals[0].words) if answer.goals[0].away_m else None
         what = f"from the {away[1]}" if away else "from it" if answer.goals[0].away_m else "away"
         labels = candidate_labels(candidates, chosen, away=what, also=named_in(simap, " ".join(answer.notes)))
-        return [*labels, *beside], (why, *anchors, beyond_text(simap, answer), *self._cautions(simap, answer, why))
+        ends = beyond_text(simap, answer), stop_text(simap, answer)
+        return [*labels, *beside], (why, *anchors, *ends, *self._cautions(simap, answer, why))
 
     def _cautions(self, simap: SIMap, answer: Answer, *why: str) -> list[str]:
         """Return whose left is meant, and what may be wrong about what is meant."""
         if self._doubted[0] is not simap:
             self._doubted = simap, {one.instance.id: one for one in doubts(simap) if one.weight > DOUBTFUL}
         known = self._doubted[1]
-        meant = dict.fromkeys(goal.instance for goal in answer.goals if goal.instance in known)
-        found = [f"{_cap(known[i].instance.name)} may be wrong: {known[i].brief}." for i in meant if i]
+        named = named_in(simap, " ".join(answer.notes))  # which say that it is doubtful
+        found, doubtful = [], doubtful_on(self._page)
+        for number in dict.fromkeys(goal.instance for goal in answer.goals if goal.instance):
+            one = simap.by_id(number)
+            if number in doubtful and number not in named:
+                seen = f"seen in {plural(one.frames, 'frame')} of {len(simap.frame_names)}"
+                found.append(f"{_cap(one.name)} is doubtful, {seen}.")
+            elif number in known and number not in doubtful:
+                found.append(f"{_cap(one.name)} may be wrong: {known[number].brief}.")
         said = " ".join([outcome_text(answer), *why])
         return [sides_text(said, self._page.pose, pose_of_sides(answer)), *found[:_MAX_LISTED]]
 
@@ -1070,7 +1155,7 @@ class CommandPanel(Panel):
     def _refuse(self, reason: str, instead: Sequence[str]) -> None:
         self._ended("refused")
         self._show_phase("idle")
-        self._show_result("Refused", reason, "bad", [sides_text(reason, self._page.pose)], instead)
+        self._show_result("Refused", _cap(reason), "bad", [sides_text(reason, self._page.pose)], instead)
 
     def _remember(self, command: str) -> None:
         """Put a command that runs from now on first in the history."""
@@ -1157,7 +1242,10 @@ class CommandPanel(Panel):
 
         The tone is one of plain, good, bad. What the buttons have is not said once more in the text.
         """
-        text, more = (text.partition(" Try: ")[0], (*more, WORKS)) if instead else (text, more)
+        if "doubtful" in " ".join((text, *more)):
+            more = (*more, MEANS)
+        if instead:
+            text, more = text.partition(" Try: ")[0], (*more, NEAREST if tone == "good" else WORKS)
         self._outcome = True
         self._instead = tuple(instead)
         self._result.content = message_html(title, text, tone, more)
@@ -1282,7 +1370,7 @@ class CommandPanel(Panel):
         with self._history:
             again = [functools.partial(self._try_again, i) for i in range(MAX_PAST)]
             self._buttons = [button(gui, "", do, color="gray", visible=False) for do in again]
-        with gui.add_folder("Start pose"):
+        with gui.add_folder("Robot"):
             self._pose = gui.add_html("")
             button_row(gui, "Robot", {"Set on map": self.place, "Reset": self.reset}, hint=PLACE_HINT)
 
