@@ -75,7 +75,8 @@ class Answer:
     line: int | None = None
     """The line of the program, counted from 1, that cannot be carried out; None when ok or when no line is to blame."""
     suggestions: tuple[str, ...] = ()
-    """Commands that can be given instead of one that was refused, the likeliest first, at most three."""
+    """Commands that can be given instead of one that was refused or failed, or that go to the nearer thing that was
+    passed over as doubtful; the likeliest first, at most three."""
     stuck_at: Pose2 | None = None
     """Where the robot would be when that line cannot be carried out; None when ok or when no line is to blame."""
     anchors: tuple[int, ...] = ()
