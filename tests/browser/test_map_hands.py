@@ -208,7 +208,7 @@ def test_a_neighbour_with_a_number_is_outlined_and_named_once_with_a_line_to_it_
     session, chair, couch = mine(bench), bench.simap.by_id(1), bench.simap.of_class("couch")[0]
     until(page, lambda: couch.name in names(page))
     x, y, _ = couch.centroid_m
-    far = Label("couch · 3 %", x, y, 1.5, 1.5, away_x=-1.0, id=couch.id)
+    far = Label("couch · 3 %", x, y, 1.5, 0.2, away_x=-1.0, id=couch.id)
     session.scene.texts.show("why", [far])
     until(page, lambda: [one["text"] for one in page.evaluate(TEXTS)] == ["couch · 3 %"])
     assert couch.name not in names(page) and chair.name != couch.name

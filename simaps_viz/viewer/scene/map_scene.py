@@ -171,6 +171,7 @@ class MapScene:
     def stand_up(self, upright: bool) -> None:
         """Show what stands on the floor as blocks, or only the flat map."""
         self._upright = upright
+        self._body.visible = upright or not isinstance(self._page, viser.ClientHandle)
         if upright:
             self._build_blocks()
         else:
@@ -406,7 +407,7 @@ class MapScene:
 
     def _add_robot(self) -> viser.FrameHandle:
         robot = self._scene.add_frame("/robot", show_axes=False)
-        self._scene.add_cylinder(
+        self._body = self._scene.add_cylinder(
             "/robot/body",
             ROBOT_RADIUS_M,
             ROBOT_HEIGHT_M,
@@ -414,7 +415,8 @@ class MapScene:
             position=(0.0, 0.0, ROBOT_HEIGHT_M / 2.0),
             **NO_SHADOWS,
         )
-        if isinstance(self._page, viser.ClientHandle):  # its script draws an arrow, as large at every zoom
+        if isinstance(self._page, viser.ClientHandle):  # its script draws the robot seen from above
+            self._body.visible = False
             return robot
         tip, wing, z = 0.85 * ROBOT_RADIUS_M, 0.55 * ROBOT_RADIUS_M, ROBOT_HEIGHT_M + 0.01
         arrow = np.array([[tip, 0, z], [-wing, wing * 1.1, z], [-0.3 * wing, 0, z], [-wing, -wing * 1.1, z]])

@@ -163,7 +163,7 @@
     return [Math.floor((x - map.xmin) / map.cell), Math.floor((y - map.ymin) / map.cell)];
   };
 
-  const GAP = 3, LINE = 16, CLICK_PX = 3, PHONE_PX = 600, LEADER_PX = 24;
+  const GAP = 3, LINE = 16, CLICK_PX = 3, PHONE_PX = 600, LEADER_PX = 12;
   const measure = make('canvas', '').getContext('2d');
   const widths = new Map();
   const widthOf = (text) => {
@@ -228,7 +228,8 @@
       const one = flat && map && kind !== 'selection' && map.objects.get(id);
       if (!one || !one.cells) continue;
       const to = at(toScreen, ...cellToMap(one.x, one.y)), from = [0, 1].map((i) => Math.min(Math.max(to[i], box[i]), box[i + 2]));
-      if (Math.hypot(to[0] - from[0], to[1] - from[1]) > LEADER_PX) leaders.push([from, to]);
+      const reach = Math.min(thing[2] - thing[0], thing[3] - thing[1]) / 2;  // about as far as its cells go
+      if (Math.hypot(to[0] - from[0], to[1] - from[1]) > LEADER_PX + reach) leaders.push([from, to]);
     }
   };
   // Large objects first; a name is left out where it would cover another or the middle of a larger object, which would
