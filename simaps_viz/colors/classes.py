@@ -1,6 +1,7 @@
 """Names of classes, their colours, which depend on the name alone, and which of them are ground below objects."""
 
 import json
+import re
 import zlib
 from importlib import resources
 
@@ -61,6 +62,12 @@ def instance_color(instance_id: int) -> Color:
 _PLURALS = {
     "person": "people", "knife": "knives", "shelf": "shelves", "mouse": "mice", "scissors": "scissors", "skis": "skis",
 }  # fmt: skip
+
+
+def plain(label: str) -> str:
+    """Return a class name as a person says it: "tv_monitor" -> "tv monitor", "table-merged" -> "table"."""
+    words = re.split(r"[\s_\-/]+", label.strip().lower())
+    return " ".join(w for w in words if w not in ("merged", "other", "stuff")) or label.strip().lower()
 
 
 def plural(count: int, noun: str) -> str:

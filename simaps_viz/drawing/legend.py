@@ -7,13 +7,12 @@ from pathlib import PurePath
 import cv2
 import numpy as np
 
-from simaps_viz.colors.classes import CLUTTER, FLOOR, WALL, cells_of_classes, ground_kinds, plural
+from simaps_viz.colors.classes import CLUTTER, FLOOR, WALL, cells_of_classes, ground_kinds, plain, plural
 from simaps_viz.colors.instances import instance_colors
 from simaps_viz.colors.naming import color_name
 from simaps_viz.colors.palette import PALETTE, Color, as_color
 from simaps_viz.drawing.texture import HEIGHT_TOP_M, STRIPE, ColorMode, class_patterns, shown_class_colors
 from simaps_viz.drawing.theme import BOX_STYLE, DIM_STYLE, LIGHT, NESTED_EM, Theme, short, short_html
-from simaps_viz.language.words import plain
 from simaps_viz.mapping.changes import changes_in
 from simaps_viz.mapping.in_space import all_instances, has_voxels
 from simaps_viz.structures import Instance, SIMap

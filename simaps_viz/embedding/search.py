@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.appearance import Appearance, unit
+from simaps_viz.colors.classes import plain
 from simaps_viz.errors import CommandError, InputError
-from simaps_viz.language.words import ACTIVITIES, Vocabulary, plain
+from simaps_viz.language.words import ACTIVITIES, Vocabulary
 from simaps_viz.structures import Instance, SIMap
 
 STOCK: Mapping[str, list[str]] = json.loads(

@@ -15,11 +15,12 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.colors.classes import plain
 from simaps_viz.errors import CommandError, InputError
 from simaps_viz.evaluation.world import TrueObject, World
 from simaps_viz.language import words as known_words
 from simaps_viz.language.commands import read_command
-from simaps_viz.language.words import Vocabulary, plain
+from simaps_viz.language.words import Vocabulary
 from simaps_viz.navigation.robot import CLEARANCE_M
 from simaps_viz.structures import Pose2
 

@@ -2,14 +2,15 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.events import Progress
-from simaps_viz.language.commands import read_command
-from simaps_viz.navigation.agent import CommandReader
 from simaps_viz.navigation.planner import RobotShape
 from simaps_viz.structures import Pose2, SIMap
+
+if TYPE_CHECKING:
+    from simaps_viz.navigation.agent import CommandReader  # the tables of words take long to load
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,8 +25,8 @@ class ExportOptions:
     """tum: the command to drive."""
     pose: Pose2 | None = None
     """tum: where the drive starts."""
-    reader: CommandReader = read_command
-    """tum: reads the command."""
+    reader: "CommandReader | None" = None
+    """tum: reads the command; None = the grammar."""
     points_of: FrameSource | None = None
     """glb, ply: the points of this sequence, instead of columns."""
     progress: Progress | None = None

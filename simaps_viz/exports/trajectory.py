@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from simaps_viz.errors import CommandError, InputError
 from simaps_viz.exports.exporter import Exporter, ExportOptions
-from simaps_viz.language.commands import read_command
 from simaps_viz.navigation.agent import Agent, CommandReader, is_program
 from simaps_viz.navigation.planner import RobotShape
 from simaps_viz.navigation.robot import Motion
@@ -30,9 +29,9 @@ class TUMTrajectory(Exporter):
 
 
 def driven_poses(
-    simap: SIMap, command: str, pose: Pose2, *, robot: RobotShape | None = None, reader: CommandReader = read_command
+    simap: SIMap, command: str, pose: Pose2, *, robot: RobotShape | None = None, reader: CommandReader | None = None
 ) -> NDArray:
-    """Drive a command in simulation and return its poses.
+    """Drive a command in simulation and return its poses; without a reader the grammar reads it.
 
     Returns:
         float64 [n, 4]: time in seconds from 0, x, y in metres, yaw in radians; map frame.
@@ -41,6 +40,8 @@ def driven_poses(
         CommandError: the command is not understood, or the map lacks what it asks for.
         PlanningError: there is no path.
     """
+    if reader is None:
+        from simaps_viz.language.commands import read_command as reader  # noqa: PLC0415 - its word tables take long
     program = command if is_program(command) else reader(command, simap.counts(hidden=True)).program
     motion = Motion()
     agent = Agent(simap, pose, robot, motion=motion)

@@ -9,6 +9,7 @@ from functools import cache, partial
 from itertools import islice, pairwise
 from typing import Final
 
+from simaps_viz.colors.classes import plain
 from simaps_viz.errors import CommandError
 from simaps_viz.language.gist import EXCLAIMED, Clause, clauses_of, is_step
 from simaps_viz.language.grammar import Chart
@@ -18,7 +19,7 @@ from simaps_viz.language.primitives import FUNCTIONS, SELF
 from simaps_viz.language.program import ProgramError, parse_program
 from simaps_viz.language.questions import plain_question
 from simaps_viz.language.tokenizer import PLACING, Sentence, clauses, is_statement, is_wish, plainly, read_words
-from simaps_viz.language.words import LACKS, Noun, Vocabulary, plain, plural, singular
+from simaps_viz.language.words import LACKS, Noun, Vocabulary, plural, singular
 
 MAX_LENGTH: Final = 500
 """Characters of a command."""

@@ -13,6 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.colors.classes import plain
 from simaps_viz.errors import CommandError, PlanningError
 from simaps_viz.language.cells import (
     FIELD_OF_VIEW_RAD,
@@ -23,7 +24,7 @@ from simaps_viz.language.cells import (
     pairs_within,
     wall_cells,
 )
-from simaps_viz.language.words import ANY, KNOWN_THINGS, Vocabulary, plain, plural, singular
+from simaps_viz.language.words import ANY, KNOWN_THINGS, Vocabulary, plural, singular
 from simaps_viz.structures import Instance, Pose2, Room, SIMap
 
 OPAQUE_HEIGHT_M: Final = 1.5

@@ -9,9 +9,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
+from simaps_viz.colors.classes import plain
 from simaps_viz.errors import CommandError
 from simaps_viz.language.grammar import Grammar, no_reading, no_reading_if
-from simaps_viz.language.words import ANY, AROUND_QUESTIONS, NO_NAMES, Noun, plain, plural, singular
+from simaps_viz.language.words import ANY, AROUND_QUESTIONS, NO_NAMES, Noun, plural, singular
 
 GRAMMAR: Final = Grammar()
 IT: Final = "‹it›"

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from simaps_viz.colors.classes import plain
 from simaps_viz.colors.naming import has_color, lab
 from simaps_viz.errors import CommandError, InputError, PlanningError
 from simaps_viz.language.cells import Packed, wall_cells
@@ -39,7 +40,7 @@ from simaps_viz.language.grounding import (
 )
 from simaps_viz.language.primitives import SAID, SELF, Primitive
 from simaps_viz.language.telling import told
-from simaps_viz.language.words import KINDS, plain, plural
+from simaps_viz.language.words import KINDS, plural
 from simaps_viz.structures import Instance, Path, Pose2, Room, SIMap
 
 NEXT_TO_M: Final = 1.0

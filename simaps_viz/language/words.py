@@ -19,7 +19,7 @@ from functools import cached_property
 from importlib.resources import files
 from typing import Any, Final
 
-from simaps_viz.colors.classes import COCO_THINGS
+from simaps_viz.colors.classes import COCO_THINGS, plain
 from simaps_viz.colors.naming import COLOR_WORDS
 
 Words = tuple[str, ...]
@@ -338,12 +338,6 @@ def plural(phrase: str) -> str:
     else:
         last += "s"
     return " ".join([*first, last])
-
-
-def plain(label: str) -> str:
-    """Return a class name as a person says it: "tv_monitor" -> "tv monitor", "table-merged" -> "table"."""
-    words = re.split(r"[\s_\-/]+", label.strip().lower())
-    return " ".join(w for w in words if w not in ("merged", "other", "stuff")) or label.strip().lower()
 
 
 @dataclass(frozen=True)

@@ -84,6 +84,15 @@ def test_help_of_a_command_loads_no_other():
     assert done.stderr.strip() == "['build']"
 
 
+def test_what_reads_no_sentence_loads_no_words():
+    code = (
+        "import sys, simaps_viz.build.methods, simaps_viz.drawing.legend, simaps_viz.exports.records\n"
+        "print([name for name in sys.modules if name.startswith('simaps_viz.language')])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
 def test_an_unknown_command_is_answered_with_those_there_are(capsys):
     with pytest.raises(SystemExit) as stopped:
         main(["bild"])

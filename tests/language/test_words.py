@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simaps_viz.colors.classes import COCO_THINGS
-from simaps_viz.language.words import SYNONYMS, Vocabulary, plain, plural, singular, slips
+from simaps_viz.colors.classes import COCO_THINGS, plain
+from simaps_viz.language.words import SYNONYMS, Vocabulary, plural, singular, slips
 
 
 def resolved(vocabulary: Vocabulary, spoken: str) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -16,12 +16,11 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from simaps_viz.colors.classes import CLUTTER, FLOOR, UNSEEN, WALL, ground_kinds, plural
+from simaps_viz.colors.classes import CLUTTER, FLOOR, UNSEEN, WALL, ground_kinds, plain, plural
 from simaps_viz.drawing.compare_picture import difference_text
 from simaps_viz.drawing.legend import counted, counts_of, counts_text, legend_html, not_counted, title_of
 from simaps_viz.drawing.texture import TINT, ColorMode, cell_colors, color_modes
 from simaps_viz.drawing.theme import BADGE_STYLE, short
-from simaps_viz.language.words import plain
 from simaps_viz.mapping.in_space import all_instances, has_voxels
 from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.simap import slider_of
