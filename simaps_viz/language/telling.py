@@ -52,7 +52,8 @@ def _told(sets: "Sets", value: Any, kind: str, other: Any, key: str) -> Told:
     if isinstance(value, int | float | list):
         numbers = [_numbered(sets, one) for one in sets.counted]
         text, said, things = _plain(value, kind)
-        return (f"{text[:-1]}: {'; '.join(numbers)}." if numbers and isinstance(value, bool) else text), said, things
+        shown = len(numbers) > 1 or (numbers and isinstance(value, bool))
+        return (f"{text[:-1]}: {'; '.join(numbers)}." if shown else text), said, things
     found = sets.set_of(_room_or(sets, value))
     if not found.items:
         return _nothing(found, kind)

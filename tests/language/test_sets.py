@@ -694,6 +694,7 @@ def test_an_answer_about_numbers_says_them() -> None:
         ("are there more chairs than tables?", "Yes: 3 chairs; 2 dining tables."),
         ("are there more than four chairs?", "No: 3 chairs."),
         ("is there more than one plant?", "No: 1 potted plant."),
+        ("how many more chairs than tables are there?", "1: 3 chairs; 2 dining tables."),
     ):
         answer = simaps_viz.ask(toy_map(), question, pose=TOY_POSE).answer
         assert answer and answer["text"] == said, question
