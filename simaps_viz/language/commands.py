@@ -26,6 +26,10 @@ MAX_LENGTH: Final = 500
 _MAX_ALTERNATIVES: Final = 4
 _MAX_QUOTED: Final = 60
 """Length to which an error message shortens the command that it quotes, characters."""
+_GO_ON: Final = frozenset(
+    ["a", "an", "and", "at", "for", "from", "in", "into", "of", "on", "or", "than", "that", "the", "then", "to", "with"]
+)
+"""Words with which no sentence ends."""
 _MAX_NAME: Final = 40
 """Characters of a class that a refusal takes for an example."""
 MAX_SUGGESTIONS: Final = 3
@@ -734,8 +738,7 @@ def _refusal(sentence: Sentence, chart: Chart, vocabulary: Vocabulary) -> str:
         hint = f" Did you mean {near}?" if near else ""
         return f'Not understood: "{_in_brief(unknown)}".{hint}'
     if at >= len(words):
-        is_thing = any(edge.end == len(words) and edge.kind in ("NOUN", "NOUNS") for here in edges for edge in here)
-        or_else = ", or is no order that is known" if is_thing else ""
+        or_else = "" if len(words) - begins == 1 or words[-1] in _GO_ON else ", or is no order that is known"
         return f'Not understood: "{clause}" seems to be cut short{or_else}.'
     return f'Not understood: "{_in_brief(words[at])}" in "{clause}".'
 

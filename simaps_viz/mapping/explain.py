@@ -18,11 +18,10 @@ from scipy.spatial import KDTree
 from simaps_viz.colors.classes import plural
 from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.partition import applied_steps
+from simaps_viz.mapping.pooling import PoolSettings, affinity
 from simaps_viz.mapping.simap import joining_threshold
 from simaps_viz.structures import SURE_SCORE, CellGraph, Instance, SIMap
 
-FEW = 30
-"""Fewer sightings than this are moved by the imagined ones that evidence begins with, see `PoolSettings`."""
 NEIGHBOUR_M = 1.0
 """Objects of one class no farther apart than this are neighbours, whether or not any frame saw both."""
 PIECE = 0.05
@@ -119,6 +118,8 @@ class Why:
     method: str
     threshold: float
     """What a joint's score must exceed; infinite for methods without a merge log."""
+    pooling: PoolSettings
+    """What method evidence imagines beforehand."""
     cells: NDArray
     """int64 [n], its cells (flat), ascending."""
     community: NDArray
@@ -152,6 +153,7 @@ class Between:
     second: Instance
     method: str
     threshold: float
+    pooling: PoolSettings
     link: Link | None
     """From the first to the second; None when they are of different classes."""
     together: Together
@@ -178,6 +180,7 @@ def explain(simap: SIMap, instance_id: int) -> Why:
         instance=instance,
         method=simap.method,
         threshold=joining_threshold(simap.method, simap.parameters),
+        pooling=_pooling(simap),
         cells=cells,
         community=community,
         sureness=_sureness(simap, cells, graph),
@@ -223,10 +226,11 @@ def between(simap: SIMap, first_id: int, second_id: int) -> Between:
     first, second = simap.by_id(first_id), simap.by_id(second_id)
     threshold = joining_threshold(simap.method, simap.parameters)
     if first.label != second.label:
-        return Between(first, second, simap.method, threshold, None, frames_of_both(simap, first_id, second_id))
+        together = frames_of_both(simap, first_id, second_id)
+        return Between(first, second, simap.method, threshold, _pooling(simap), None, together)
     cells = np.flatnonzero(simap.instance.reshape(-1) == first_id).astype(np.int64)
     (link,) = _links(simap, cells, _graph_of(simap, cells), (second,))
-    return Between(first, second, simap.method, threshold, link, link.together)
+    return Between(first, second, simap.method, threshold, _pooling(simap), link, link.together)
 
 
 def recorded_step(joint: Joint, applied: NDArray) -> int:
@@ -348,6 +352,10 @@ def _sureness(simap: SIMap, cells: NDArray, graph: CellGraph | None) -> NDArray:
     result = np.full(len(cells), np.nan, np.float32)
     result[np.searchsorted(cells, graph.cells[mine])] = ratio[mine]
     return result
+
+
+def _pooling(simap: SIMap) -> PoolSettings:
+    return PoolSettings(**simap.parameters.get("pooling", {}))
 
 
 def _joints(simap: SIMap, cells: NDArray, community: NDArray, graph: CellGraph | None) -> tuple[Joint, ...]:
@@ -585,7 +593,7 @@ def between_words(found: Between, first: str, second: str) -> str:
         )
     apart = "touch" if link.touching else f"are {link.distance_m:.2f} m apart"
     words = link_words(found.method, found.threshold, link)
-    return f"{first} and {second} {apart}: {words}.{_pooled(found.method, link, found.threshold)}"
+    return f"{first} and {second} {apart}: {words}.{_pooled(found, link)}"
 
 
 def _one_object(why: Why) -> str:
@@ -611,8 +619,9 @@ def _weakest(why: Why) -> str:
         return "It is a single patch that was never joined from parts."
     weakest, method = why.weakest, why.method
     # Small pieces may have joined with less than the larger parts: then the lowest score is said, too.
-    least = min(joint.score for joint in why.joints)
-    lowest = score_text(method, least, why.threshold) if weaker_pieces(why) else ""
+    least = min(why.joints, key=lambda joint: joint.score)
+    unseen = "" if least.same + least.different or method_of(method).weights_per_frame else " for what only touches it"
+    lowest = score_text(method, least.score, why.threshold) + unseen if weaker_pieces(why) else ""
     if _smaller(weakest) < PIECE * len(why.cells):
         pieces = f"only pieces of at most {plural(_smaller(weakest), 'cell')} joined it"
         return f"Nearly all of it is one patch; {pieces}{lowest and f', the least sure with {lowest}'}."
@@ -625,16 +634,22 @@ def _weakest(why: Why) -> str:
     if len(why.together) == 0:
         alone = "" if method_of(method).weights_per_frame else f", which counts as {score_text(method, weakest.score)}"
         return f"{text}no frame saw both parts, but they touch{alone}.{less}"
-    return f"{text}{together_words(why.together)}.{_pooled(method, weakest, why.threshold)}{less}"
+    return f"{text}{together_words(why.together)}.{_pooled(why, weakest)}{less}"
 
 
-def _pooled(method: str, evidence: Joint | Link, threshold: float) -> str:
-    """Return the sentence with the sightings that a score comes from; frames count by the pairs of cells they saw."""
-    if method_of(method).weights_per_frame or evidence.same + evidence.different == 0:
+def _pooled(found: Why | Between, evidence: Joint | Link) -> str:
+    """Return the sentence with what a score is computed from, see `pooling.affinity`."""
+    same, different = evidence.same, evidence.different
+    if method_of(found.method).weights_per_frame or same + different == 0:
         return ""
-    few = " So few sightings count only in part." if evidence.same + evidence.different < FEW else ""
-    score = score_text(method, evidence.score, threshold)
-    return f" The {score} is counted cell by cell: {_sightings(evidence.same, evidence.different)}.{few}"
+    pairs, share = found.pooling.imagined_pairs, found.pooling.touching_same
+    apart, touching = (affinity(same, different, touches, pairs, share) for touches in (False, True))
+    if abs(touching - evidence.score) < abs(apart - evidence.score):
+        imagined = f"{pairs:g} imagined of parts that touch, {pairs * share:.1f} of them as one"
+    else:
+        imagined = f"{pairs:g} imagined, as two, of parts that do not touch"
+    score = score_text(found.method, evidence.score, found.threshold)
+    return f" The {score} is counted cell by cell: {_sightings(same, different)}, and {imagined}."
 
 
 def _below(method: str, threshold: float, link: Link) -> str:

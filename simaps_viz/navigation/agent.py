@@ -118,7 +118,8 @@ def outcome_text(answer: Answer) -> str:
     if answer.path_length_m > 0.0:
         parts += [f"a path of {answer.path_length_m:.2f} m that ends {at}", heading]
     else:
-        parts += [f"without driving, {at}", f"{heading} in the end"]
+        arrives = answer.goals and all(goal.primitive.startswith("move") for goal in answer.goals)
+        parts += [f"{'where the robot is already' if arrives else 'without driving'}, {at}", f"{heading} in the end"]
     text = ", ".join(parts)
     return f"{said} {text[0].upper()}{text[1:]}.".lstrip()
 

@@ -270,6 +270,17 @@ def test_on_a_phone_a_tab_that_is_tapped_has_the_whole_sheet_unless_something_is
         until(page, lambda: below_the_map("Instance") > 60)  # its line says what was found
 
 
+def test_what_is_selected_next_is_read_from_its_name_on(page, bench):
+    page.set_viewport_size({"width": 1280, "height": 360})
+    select_chair_1(page, bench)
+    page.get_by_text("Its best views").or_(page.get_by_text("Why is this one object?")).last.evaluate(
+        "(one) => one.scrollIntoView({ block: 'start' })"
+    )
+    expect(page.locator(".simaps-selected")).not_to_be_in_viewport()
+    mine(bench).select(COUCH)
+    expect(page.locator(".simaps-selected", has_text="couch 5")).to_be_in_viewport()
+
+
 def test_a_hint_stands_beside_the_panels_and_covers_nothing_of_them(page):
     tab(page, "Map")
     page.get_by_role("button", name="Help", exact=True).or_(page.get_by_text("Help", exact=True)).first.hover()

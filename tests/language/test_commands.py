@@ -352,6 +352,7 @@ def test_a_refusal_offers_commands_that_can_be_given_instead(simap, said: str, s
         ("go", 'Not understood: "go" seems to be cut short.'),
         ("go to the", "seems to be cut short."),
         ("follow the wall to the couch", "seems to be cut short, or is no order that is known."),
+        ("follow the wall on the right", "seems to be cut short, or is no order that is known."),
         ("go to the chair the", "seems to be cut short"),
         ("go to the chair the the", "seems to be cut short"),
         ("bring me the cup", "The robot has no hands and carries nothing"),

@@ -170,12 +170,13 @@ def test_sightings_of_a_drawn_row_are_counted_by_hand(row):
         "One object because 5 of the 6 frames that saw it show it as one. "
         "Class chair because the masks of 6 frames say so, 100 % sure on average. Its weakest joint "
         "(2 + 2 cells) has 62 % for one object, above the 60 % needed: seen together in 5 frames: as one in 4, as two "
-        "in 1. The 62 % is counted cell by cell: 8 sightings as one, 2 as two. So few sightings count only in part."
+        "in 1. The 62 % is counted cell by cell: 8 sightings as one, 2 as two, and 3 imagined, as two, of "
+        "parts that do not touch."
     )
     assert between_words(between(row, 1, 2), "chair 1", "chair 2") == (
         "chair 1 and chair 2 touch: 43 % of what frames saw of their cells says one object, below the 60 % needed; "
         "seen together in 5 frames: as two in 3, as one in 2. The 43 % is counted cell by cell: 10 sightings as one, "
-        "15 as two. So few sightings count only in part."
+        "15 as two, and 3 imagined of parts that touch, 2.1 of them as one."
     )
     assert "just above the 43 % needed;" in between_words(replace(between(row, 1, 2), threshold=0.43), "a", "b")
 

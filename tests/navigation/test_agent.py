@@ -457,6 +457,12 @@ def test_outcomes_say_where_each_stop_is(simap, program, words) -> None:
     assert words in outcome_text(said)
 
 
+def test_where_the_robot_is_already_is_said(simap) -> None:
+    there = answer(simap, "robot.move_to_object('couch')", TOY_POSE).final_pose
+    said = outcome_text(answer(simap, "robot.move_to_object('couch')", there))
+    assert said.startswith(f"To the couch, where the robot is already, at x {there.x_m:.2f} m")
+
+
 def test_the_branch_not_taken_may_name_what_is_not_there(simap) -> None:
     program = "if count(things('piano')) > 0:\n    robot.move_to_object('piano')\nelse:\n    robot.face('couch')"
     assert [goal.instance for goal in answer(simap, program, TOY_POSE).goals] == [5]

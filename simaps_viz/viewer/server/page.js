@@ -158,6 +158,12 @@
       changeSeen[name] = said;
     }
   };
+  let selectedSeen = '';
+  const showSelected = () => {  // what is selected next is read from its name on, not from where the one before was left
+    const one = document.querySelector('.simaps-selected'), name = one ? one.textContent : '';
+    if (name && name !== selectedSeen) one.scrollIntoView({ block: 'nearest' });
+    selectedSeen = name;
+  };
   const placeHints = () => {  // beside the panels: below its control a hint would cover the next one
     const left = Math.max(...[...document.querySelectorAll('[data-dock-strip]')].map((one) => one.getBoundingClientRect().left));
     const beside = left > innerWidth / 2 ? `${Math.round(innerWidth - left + 8)}px` : '';
@@ -168,7 +174,7 @@
   const soon = () => {
     if (!waiting) waiting = setTimeout(() => {
       waiting = 0;
-      nameControls(); reopen(); turnTo(); hush(); sheet(); fitTabs(); showChange(); placeHints();
+      nameControls(); reopen(); turnTo(); hush(); sheet(); fitTabs(); showChange(); showSelected(); placeHints();
     }, 100);
   };
   window.addEventListener('resize', soon);
