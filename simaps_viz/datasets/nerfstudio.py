@@ -23,6 +23,7 @@ from simaps_viz.datasets.file_frames import (
     depth_png,
     json_number,
     names_of,
+    number_of,
     present,
 )
 from simaps_viz.datasets.images import image_size
@@ -71,7 +72,7 @@ def _open(path: Path) -> Recording:
         raise InputError(f"{file}: camera_model: expected one of {known}, pinholes without k4, found {shown(model)}")
     frames = [_merged(file, i, content, frame) for i, frame in enumerate(frames)]
     stated = len(frames)
-    frames = sorted((f for f in frames if f["depth_file_path"] is not None), key=lambda f: f["file_path"])
+    frames = sorted((f for f in frames if f["depth_file_path"] is not None), key=lambda f: _in_time(f["file_path"]))
     if not frames:
         raise InputError(f"{file}: expected depth_file_path in its frames, found none in {stated}; a map needs depth")
     poses = {frame["file_path"]: frame for frame in frames}
@@ -101,6 +102,12 @@ READER = Reader(FACTS, _recognise, _open)
 
 def _file(path: Path) -> Path:
     return path if path.name.startswith("transforms") and path.suffix == ".json" else path / "transforms.json"
+
+
+def _in_time(picture: str) -> tuple[str, float, str]:
+    """Return what pictures are sorted by: those of NeRFCapture have numbers of one to three digits."""
+    path = Path(picture)
+    return str(path.parent), number_of(path), path.name
 
 
 def _merged(file: Path, index: int, content: dict[str, Any], frame: Any) -> dict[str, Any]:

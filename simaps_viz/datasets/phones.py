@@ -6,6 +6,7 @@ in CSV; it turns ARKit's camera axes into OpenCV's itself, the world stays ARKit
 """
 
 import math
+import os
 import threading
 from collections import OrderedDict
 from pathlib import Path
@@ -132,6 +133,8 @@ def _open_polycam(path: Path) -> Recording:
     camera_files = numbered(cameras, "*.json")
     if not camera_files:
         raise InputError(f"{cameras}: expected *.json, found none")
+    plain = {file.stem for file in (folder / "cameras").glob("*.json")}
+    uncorrected = plain - {file.stem for file in camera_files}
     depth = by_stem(numbered(folder / "depth", "*.png"))
     with_depth = {file.stem: file for file in camera_files if file.stem in depth}
     color = {stem: file for stem, file in by_stem(numbered(images, "*.jpg")).items() if stem in with_depth}
@@ -153,7 +156,10 @@ def _open_polycam(path: Path) -> Recording:
         path,
         name=folder.resolve().parent.name,
         **matched.members(
-            first=left_out(len(camera_files) - len(with_depth), len(camera_files), "pictures have no depth")
+            first=(
+                *left_out(len(uncorrected), len(plain), "pictures have no corrected camera"),
+                *left_out(len(camera_files) - len(with_depth), len(camera_files), "pictures have no depth"),
+            )
         ),
     )
 
@@ -189,6 +195,7 @@ STRAY = FormatFacts(
 _COLUMNS = ("frame", "x", "y", "z", "qx", "qy", "qz", "qw")
 _CAMERA = ("fx", "fy", "cx", "cy")
 _MAX_VIDEO_BYTES = 1 << 36
+_OPENING, _OPTIONS = threading.Lock(), "OPENCV_FFMPEG_CAPTURE_OPTIONS"
 _KEPT = 8
 """Pictures of a video that are kept, as a few threads ask for them in nearly the right order."""
 
@@ -275,7 +282,10 @@ def _stray_pose(where: str, row: dict[str, float]) -> NDArray:
 
 
 class Video:
-    """The pictures of a video file by number, read forwards."""
+    """The pictures of a video file by number, read forwards.
+
+    Also those that its list of edits hides: Stray Scanner's first picture is timed before the video starts.
+    """
 
     def __init__(self, path: Path) -> None:
         check_file(path, _MAX_VIDEO_BYTES, "a video")
@@ -311,7 +321,13 @@ class Video:
             return self._kept[number]
 
     def _opened(self) -> cv2.VideoCapture:
-        capture = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG)
+        with _OPENING:  # there is no other way to pass FFmpeg an option
+            before = os.environ.get(_OPTIONS)
+            os.environ[_OPTIONS] = "ignore_editlist;1"
+            capture = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG)
+            del os.environ[_OPTIONS]
+            if before is not None:
+                os.environ[_OPTIONS] = before
         if not capture.isOpened():
             found = "no such file" if not self.path.is_file() else "one that cannot be decoded"
             raise InputError(f"{self.path}: expected a video, found {found}")

@@ -302,3 +302,7 @@ def test_lost_and_unpaired_frames_are_told(tmp_path: Path) -> None:
         "sens": ("1 of 5 frames have no pose, tracking was lost: left out",),
         "polycam": ("1 of 5 pictures have no depth: left out",),
     }
+    path = tmp_path / "polycam"
+    (camera,) = sorted(path.rglob("corrected_cameras/*.json"))[:1]
+    camera.unlink()
+    assert "1 of 5 pictures have no corrected camera: left out" in open_sequence(camera.parents[2]).notes

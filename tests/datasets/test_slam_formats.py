@@ -123,6 +123,37 @@ def test_what_a_phone_lost_is_left_out(tmp_path):
     assert later.max() == 0, "the picture of that number, not the second"
 
 
+def box(kind: bytes, content: bytes) -> bytes:
+    return struct.pack(">I", len(content) + 8) + kind + content
+
+
+def hide_the_first_picture(path):
+    """Give an MP4 the list of edits that iOS writes when the first picture is timed before the video starts."""
+    data = path.read_bytes()
+    moov, trak, mdia = (data.index(kind) - 4 for kind in (b"moov", b"trak", b"mdia"))
+    ticks = struct.unpack(">I", data[(at := data.index(b"stts") + 16) : at + 4])[0]  # of a picture
+    edits = box(b"edts", box(b"elst", struct.pack(">IIIiI", 0, 1, 1000, ticks, 1 << 16)))
+    start = data.find(b"edts", trak, mdia) - 4
+    old = data[start:mdia] if start > 0 else b""
+    data = bytearray(data[: mdia - len(old)] + edits + data[mdia:])
+    for at in (moov, trak):
+        struct.pack_into(">I", data, at, struct.unpack_from(">I", data, at)[0] + len(edits) - len(old))
+    path.write_bytes(data)
+
+
+def test_a_picture_that_a_video_hides_is_the_first_one_all_the_same(tmp_path):
+    """Stray Scanner's app numbers pictures from 1 frame before the start of its video (DatasetEncoder.swift)."""
+    path = stray_scanner(tmp_path).path
+    shown = [open_sequence(path).color(i) for i in range(FRAMES)]
+    hide_the_first_picture(path / "rgb.mp4")
+    hiding = cv2.VideoCapture(str(path / "rgb.mp4"), cv2.CAP_FFMPEG)
+    assert sum(hiding.grab() for _ in range(FRAMES + 2)) == FRAMES - 1
+    sequence = open_sequence(path)
+    assert len(sequence) == FRAMES
+    for i in range(FRAMES):
+        np.testing.assert_array_equal(sequence.color(i), shown[i])
+
+
 def test_a_video_that_ends_early_names_the_picture(tmp_path):
     path = stray_scanner(tmp_path).path
     sequence = open_sequence(path)
@@ -357,6 +388,19 @@ def test_a_camera_by_its_angle_of_view_alone(tmp_path):
     edit(path, camera_angle_x=angle, fl_x=None, fl_y=None, cx=None, cy=None, w=None, h=None)
     k = open_sequence(path).intrinsics
     assert (k.fx, k.fy, k.cx, k.cy) == (pytest.approx(K.fx), pytest.approx(K.fx), K.width / 2 - 0.5, K.height / 2 - 0.5)
+
+
+def test_numbers_without_leading_zeros_are_in_order(tmp_path):
+    path = instant_ngp(tmp_path).path
+    content = json.loads((path / "transforms.json").read_text())
+    for frame, new in zip(content["frames"], (9, 10, 100, 11, 12), strict=True):
+        for end in ("", ".depth") if "depth_path" in frame else ("",):
+            (path / f"{frame['file_path']}{end}.png").rename(path / f"images/n{new}{end}.png")
+        frame.update(
+            file_path=f"images/n{new}", **({"depth_path": f"images/n{new}.depth.png"} if "depth_path" in frame else {})
+        )
+    (path / "transforms.json").write_text(json.dumps(content))
+    assert open_sequence(path).frame_names == ("n9", "n10", "n11", "n100")
 
 
 @pytest.mark.parametrize("keys", [{"camera_model": "OPENCV_FISHEYE"}, {"is_fisheye": True}])
