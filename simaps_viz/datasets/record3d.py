@@ -5,7 +5,7 @@ import re
 import struct
 import zipfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -151,8 +151,10 @@ def _open(path: Path) -> Recording:
         return clean_depth(raw.reshape(height, width))
 
     files = FileFrames.of_one_view(pictures, depths, lenses, depth, read_color=operator.call)
+    # Where poses start at none the world is the first camera's, and its y is not up.
+    starts_at_none = np.allclose(_pose(*poses[0]), OPENCV_FROM_OPENGL, atol=1e-6) if 0 in matched.frames else False
     return files.recording(
-        FACTS,
+        replace(FACTS, up=None) if starts_at_none else FACTS,
         path,
         name=path.resolve().parent.name if path.name == "EXR_RGBD" else path.resolve().stem,
         frame_names=tuple(parts.names[i] for i in matched.frames),

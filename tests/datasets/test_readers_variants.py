@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores
 from scans import write_image
+from scans_apps import record3d_folder
 from scans_bags import DEPTH, Messages, entries, write_bag1
 from scans_folders import (
     amazon,
@@ -24,6 +25,7 @@ from scans_folders import (
     seven_scenes,
     tum,
 )
+from scipy.spatial.transform import Rotation
 from sequences import write_tiny_sequence
 
 from simaps_viz import open_sequence
@@ -276,3 +278,15 @@ def test_columns_named_without_a_comment_mark(tmp_path: Path) -> None:
     usual, other = tum(tmp_path / "usual").path, tum(tmp_path / "other").path
     (other / "rgb.txt").write_text("timestamp filename\n" + (other / "rgb.txt").read_text())
     same_frames(open_sequence(other), open_sequence(usual))
+
+
+def test_a_world_of_record3d_that_starts_at_the_camera_has_no_up(tmp_path):
+    path = record3d_folder(tmp_path).path
+    assert open_sequence(path).recording.facts.up == (0.0, 1.0, 0.0)
+    metadata = json.loads((path / "metadata").read_text())
+    turns, places = (np.array(metadata["poses"])[:, part] for part in (slice(4), slice(4, 7)))
+    back = Rotation.from_quat(turns[0]).inv()
+    turns, places = (back * Rotation.from_quat(turns)).as_quat(), back.apply(places - places[0])
+    metadata["poses"] = np.column_stack([turns, places]).tolist()
+    (path / "metadata").write_text(json.dumps(metadata))
+    assert open_sequence(path).recording.facts.up is None

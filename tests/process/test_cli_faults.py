@@ -88,7 +88,7 @@ def test_a_shared_command_that_fails_says_why(folder, capsys):
     line = ["share", "toy.npz", "-o", "toy.html", "--command", "go to the chair", "--pose", "900", "0", "0"]
     assert main(line) == 1
     err = capsys.readouterr().err
-    assert "toy.html: " in err and '"go to the chair" failed: the robot cannot start at (900.00, 0.00)' in err
+    assert "toy.html: " in err and '"go to the chair" failed: The robot cannot start at (900.00, 0.00)' in err
     assert main([*line, "--json"]) == 1
     assert "cannot start" in json.loads(capsys.readouterr().out)["outcome"]
 
