@@ -284,6 +284,24 @@ def test_a_slam_folder_s_name_does_not_count(tmp_path):
         open_sequence(path)
 
 
+def test_a_tracker_that_writes_a_pose_for_each_picture_lost_those_without(tmp_path):
+    """ORB-SLAM writes none while tracking fails (System.cc); a pose between its neighbours' would be made up."""
+    path = slam_folder(tmp_path).path
+    pairs, poses = ([line.split() for line in (path / name).read_text().splitlines()]
+                    for name in ("associations.txt", "CameraTrajectory.txt"))  # fmt: skip
+    for i, pair in enumerate(pairs):  # 20 ms apart
+        pair[0] = pair[2] = f"{10 + i / 50:.6f}"
+    for i, pose in zip((0, 2, 3, 4), poses, strict=True):
+        pose[0] = pairs[i][0]
+    (path / "associations.txt").write_text("\n".join(map(" ".join, pairs)))
+    (path / "CameraTrajectory.txt").write_text("\n".join(map(" ".join, poses)))
+    assert "1 of 5 pictures have no pose of their time in CameraTrajectory.txt: left out" in open_sequence(path).notes
+    for pose in poses:  # poses of other times are for between them
+        pose[0] = f"{float(pose[0]) + 0.001:.6f}"
+    (path / "CameraTrajectory.txt").write_text("\n".join(map(" ".join, poses)))
+    assert len(open_sequence(path)) == 5
+
+
 def test_trajectories_of_another_name(tmp_path):
     """CubeSLAM's sample has output_cam_poses.txt and truth_cam_poses.txt; notes and calibrations are no trajectory."""
     path = slam_folder(tmp_path).path
