@@ -1,7 +1,7 @@
-"""Read COLMAP reconstructions with depth images of a sensor beside the pictures.
+"""Read COLMAP reconstructions with depth images of a sensor, or COLMAP's own depth maps, beside the pictures.
 
-COLMAP's world has any scale. The points it found are in the depth images, too: how much farther away these have them is
-the scale, by which poses become metres.
+COLMAP's world has any scale. The points it found are in a sensor's depth images, too: how much farther away these have
+them is the scale, by which poses become metres. COLMAP's own depth maps have its world's unit, and so no scale.
 """
 
 import re
@@ -13,19 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.datasets.calibration import Lens, from_quaternion, numbers, pinhole
-from simaps_viz.datasets.file_frames import FileFrames, depth_npy, depth_png, names_of
+from simaps_viz.datasets.file_frames import FileFrames, clean_depth, depth_npy, depth_png, names_of
 from simaps_viz.datasets.images import image_size
 from simaps_viz.datasets.manifest import few
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, complete, left_out
 from simaps_viz.errors import InputError
 from simaps_viz.geometry import invert_pose, spread, transform_points
-from simaps_viz.io.limits import MAX_CLOUD_BYTES, MAX_FRAMES, read_bytes
+from simaps_viz.io.limits import MAX_ARRAY_BYTES, MAX_CLOUD_BYTES, MAX_FRAMES, check_picture, read_bytes
 
 FACTS = FormatFacts(
     title="COLMAP with depth",
-    recognised_by="`sparse/0/` or `sparse/` (`images`, `cameras`; `.bin` or `.txt`), `images/`, `depth/`",
-    depth="16-bit PNG or `.npy` (metres)",
-    pose="world to camera: quaternion w x y z, position; scaled to metres by the points",
+    recognised_by="`sparse/0/` or `sparse/` (`images`, `cameras`; `.bin` or `.txt`), `images/`, "
+    "`depth/` or `stereo/depth_maps/`",
+    depth="16-bit PNG or `.npy` (metres), or COLMAP's depth maps (its unit)",
+    pose="world to camera: quaternion w x y z, position; scaled to metres by the points in a sensor's depth",
 )
 _MODELS = {
     0: ("SIMPLE_PINHOLE", "fxy"), 1: ("PINHOLE", "fgxy"), 2: ("SIMPLE_RADIAL", "fxyk"), 3: ("RADIAL", "fxykk"),
@@ -35,9 +36,19 @@ _MODELS = {
 """{number: (name, parameters)}: focal lengths f (both) or f and g, principal point x and y, distortion k."""
 PIXEL_CENTRE = 0.5
 """Where COLMAP has the centre of the first pixel."""
-DEPTHS = ("depth", "depths", "depth_maps")
+DEPTHS = ("depth", "depths", "depth_maps", "stereo/depth_maps")
+_OWN = ".bin"
+"""How the names of COLMAP's own depth maps end."""
+_ENDS = (".png", ".npy", f".geometric{_OWN}", f".photometric{_OWN}")
+"""Of depth images, the better ones first: geometric ones agree between pictures."""
+_OWN_HEAD = re.compile(rb"([1-9]\d{0,5})&([1-9]\d{0,5})&1&")
+"""Width, height and channels, before little-endian float32 row by row."""
 _SAMPLED, _FEWEST, _AGREED = 40, 50, 0.15
 """Pictures the scale is estimated in, points it needs, and how far its quartiles may be from the median."""
+_NO_SCALE = (
+    "depth is COLMAP's own, in the reconstruction's unit: 1 is taken as 1 m, so sizes are metres only where it was "
+    "georegistered or scaled"
+)
 METRIC = 0.02
 """A scale this near to 1 is the depth's own error, not another unit."""
 
@@ -65,15 +76,19 @@ def _open(path: Path) -> Recording:
     with complete(model, FACTS.title):
         cameras, pictures, points = _read(model)
     folder = path / "images" if (path / "images").is_dir() else path
-    found = [(picture, folder / picture.name, _depth_file(depths, picture.name)) for picture in pictures]
-    kept = [(p, color, depth) for p, color, depth in found if depth is not None and color.is_file()]
+    kept = [
+        (picture, color, depth)
+        for picture in pictures
+        if (color := folder / picture.name).is_file() and (depth := _depth_file(depths, picture.name)) is not None
+    ]
     if not kept:
         names = few([picture.name for picture in pictures])
         there = few(sorted(file.name for file in depths.iterdir()))
         expected = f"{depths}: expected depth named as the reconstruction's {len(pictures)} pictures ({names})"
         raise InputError(f"{expected}, found {there or 'none'}")
+    kept = [item for item in kept if item[2].suffix != _OWN] or kept  # one unit for all: a sensor's, if there is one
     kept.sort(key=lambda item: item[0].name)
-    color_files, depth_files = [color for _, color, _ in kept], [depth for _, _, depth in kept if depth is not None]
+    color_files, depth_files = [color for _, color, _ in kept], [depth for _, _, depth in kept]
     missing = next((p for p, _, _ in kept if p.camera not in cameras), None)
     if missing is not None:
         raise InputError(f"{model}: expected camera {missing.camera} of {missing.name}, found none of that number")
@@ -107,12 +122,28 @@ def _depth_file(folder: Path, name: str) -> Path | None:
     """Return the depth image of a picture: of its name but for the suffix, or with another one behind it."""
     plain = Path(name)
     stems = (folder / plain.with_suffix(""), folder / plain.stem, folder / plain)
-    files = (stem.parent / f"{stem.name}{end}" for stem in stems for end in (".png", ".npy"))
+    files = (stem.parent / f"{stem.name}{end}" for stem in stems for end in _ENDS)
     return next((file for file in files if file.is_file()), None)
 
 
 def _read_depth(path: Path) -> NDArray:
+    if path.suffix == _OWN:
+        return _read_own(path)
     return depth_npy()(path) if path.suffix == ".npy" else depth_png(FACTS.depth_unit_m)(path)
+
+
+def _read_own(path: Path) -> NDArray:
+    """Read a depth map that COLMAP made; raises InputError when it is something else or cut short."""
+    data = read_bytes(path, MAX_ARRAY_BYTES, "a depth map of COLMAP")
+    head = _OWN_HEAD.match(data)
+    if head is None:
+        raise InputError(f"{path}: expected a depth map of COLMAP (width&height&1&...), found {data[:24]!r}")
+    width, height = int(head[1]), int(head[2])
+    check_picture(path, width, height)
+    expected, found = 4 * width * height, len(data) - head.end()
+    if found != expected:
+        raise InputError(f"{path}: expected {width}x{height} numbers in {expected} bytes, found {found} bytes")
+    return clean_depth(np.frombuffer(data, "<f4", offset=head.end()).reshape(height, width))
 
 
 def _scale(
@@ -123,6 +154,8 @@ def _scale(
     Raises:
         InputError: Depth and points do not agree on one.
     """
+    if depth_files[0].suffix == _OWN:
+        return 1.0, _NO_SCALE
     ratios = []
     for i in spread(len(pictures), _SAMPLED):
         picture = pictures[i]

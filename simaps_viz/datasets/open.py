@@ -87,6 +87,8 @@ def reader_of(path: Path) -> Reader:
     reader = recognise(path)
     if reader is None and path.is_dir():
         raise unknown_folder(path, tuple(readers()))
+    if reader is None and any(path.name in files for files in CONVERTIBLE) and (known := _convertible(path.parent)):
+        raise InputError(f"{path}: expected a recording of a format that is read, found that its folder is {known}")
     return reader or POSED_FRAMES  # a manifest of any name, or its error says best what is there
 
 
@@ -131,6 +133,13 @@ MAX_SEARCHED = 20_000
 """Files of a folder whose names are looked at."""
 MAX_DEPTH, MAX_FOLDERS = 4, 200
 """Levels of folders, and folders in all, that a recording is looked for in."""
+CONVERTIBLE = {
+    ("data.jsonl", "calibration.json"): "a recording of Spectacular AI: what `sai-cli process INPUT OUTPUT` makes of it"
+    " (nerfstudio's transforms.json, with depth) is read",
+    ("train.json", "val.json", "images/depth_*.png"): "an export of Spectacular AI for Taichi: what `sai-cli process"
+    " INPUT OUTPUT` makes without `--format taichi` (nerfstudio's transforms.json, with depth) is read",
+}
+"""{files: what a folder that has them is, and what makes one of it that is read}."""
 _IMAGES = (".png", ".pgm", ".jpg", ".jpeg")
 _NUMBER = re.compile(r"\d+(?:\.\d+)?(?=\D*$)")
 """The last number in a file's name, which may be a time."""
@@ -180,11 +189,13 @@ def _pattern(pictures: Sequence[Path]) -> Path | None:
 
 
 def _nearest(path: Path, readers: Sequence[Reader]) -> str:
-    """Return which folder inside is a recording, or else which formats have most of their files here and what lacks."""
+    """Return which folder inside is a recording, what makes one of it, or the nearest formats and what lacks."""
     inside = [folder for folder in _folders(path) if any(reader.recognise(folder) for reader in readers)]
     if inside:
         more = f" (so are {len(inside) - 1} other folders)" if len(inside) > 1 else ""
         return f"; {inside[0]} is one{more}"
+    if known := _convertible(path):
+        return f"; it is {known}"
     best, nearest = 0.0, dict[str, str]()
     for reader in readers:
         for needed in ways(reader.facts):
@@ -197,6 +208,14 @@ def _nearest(path: Path, readers: Sequence[Reader]) -> str:
             nearest.setdefault(reader.facts.title, ", ".join(lacking))
     known = [f"{title}, which also has {files}" for title, files in nearest.items()]
     return f"; nearest is {', or '.join(known[:MAX_NEAREST])}" if known else ""
+
+
+def _convertible(folder: Path) -> str | None:
+    """Return what a folder is that another program makes a recording of, and which program; None for others."""
+    for files, known in CONVERTIBLE.items():
+        if all(next(folder.glob(file), None) for file in files):
+            return known
+    return None
 
 
 def ways(facts: FormatFacts) -> list[list[list[str]]]:

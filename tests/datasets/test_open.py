@@ -145,6 +145,25 @@ def test_what_is_nearest_and_what_it_lacks(tmp_path: Path) -> None:
         simaps_viz.open_sequence(path)
 
 
+@pytest.mark.parametrize(
+    ("files", "named"),
+    [
+        (("data.jsonl", "calibration.json", "data.mp4", "metadata.json"), "a recording of Spectacular AI: "),
+        (("train.json", "val.json", "images/depth_00001.png"), "an export of Spectacular AI for Taichi: "),
+    ],
+)
+def test_what_another_program_makes_readable_is_named_with_it(tmp_path: Path, files: tuple, named: str) -> None:
+    for file in files:
+        (tmp_path / file).parent.mkdir(exist_ok=True)
+        (tmp_path / file).write_text("{}")
+    for path, says in ((tmp_path, "; it is "), (tmp_path / files[0], "found that its folder is ")):
+        with pytest.raises(InputError, match=f"{says}{named}what `sai-cli process INPUT OUTPUT` makes .* is read"):
+            simaps_viz.open_sequence(path)
+    (tmp_path / files[1]).unlink()
+    with pytest.raises(InputError, match=r"^(?!.*Spectacular)"):
+        simaps_viz.open_sequence(tmp_path)
+
+
 def test_formats_that_lack_as_little_are_all_named(tmp_path: Path) -> None:
     """Pictures of Open3D's recorder without a trajectory may get either's."""
     for folder in ("color", "depth"):

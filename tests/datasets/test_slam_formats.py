@@ -30,6 +30,7 @@ from scans_slam import (
 
 from simaps_viz import open_sequence
 from simaps_viz.datasets.calibration import Lens, see_through
+from simaps_viz.datasets.images import read_depth
 from simaps_viz.datasets.open import recognise
 from simaps_viz.errors import InputError
 
@@ -495,6 +496,64 @@ def test_colmap_s_depth_of_other_pictures_is_refused(tmp_path):
     with pytest.raises(
         InputError, match=r"room: expected one scale between points and depth, found .* in millimetres\?"
     ):
+        open_sequence(path)
+
+
+def own_depth_maps(path: Path, folder: str) -> Path:
+    """Turn a sensor's depth into COLMAP's own, of 0.5 m; what is photometric is wrong, but for the first one's."""
+    for i, file in enumerate(sorted((path / "depth").iterdir())):
+        depth = read_depth(file, 0.002)
+        file.unlink()
+        kinds = {"geometric": depth, "photometric": depth * 3} if i else {"photometric": depth}
+        for kind, values in kinds.items():
+            target = path / folder / f"{file.name}.{kind}.bin"
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_bytes(b"64&48&1&" + np.where(depth > 0, values, -1).astype("<f4").tobytes())
+    if folder != "depth":
+        (path / "depth").rmdir()
+    return path
+
+
+@pytest.mark.parametrize("folder", ["stereo/depth_maps", "depth"])
+def test_colmap_s_own_depth_maps_have_its_unit(tmp_path, folder):
+    sample = colmap(tmp_path, unit_m=0.5)
+    sequence = open_sequence(own_depth_maps(sample.path, folder), up=(0.3, -0.9, 0.2))
+    reference = open_sequence(sample.reference)
+    assert sequence.notes[0].startswith("depth is COLMAP's own, in the reconstruction's unit: 1 is taken as 1 m")
+    assert sequence.notes[1] == "1 of 5 pictures have no depth or are missing: left out"
+    np.testing.assert_allclose(sequence.poses[:, :3, :3], reference.poses[:, :3, :3], atol=1e-6)
+    np.testing.assert_allclose(sequence.poses[:, :3, 3], reference.poses[:, :3, 3] / 0.5, atol=1e-6)
+    for i in range(FRAMES):
+        np.testing.assert_allclose(sequence.read(i).depth_m, reference.read(i).depth_m / 0.5, rtol=1e-6)
+
+
+def test_a_sensor_s_depth_goes_before_colmap_s_own(tmp_path):
+    path = colmap(tmp_path).path
+    (path / "depth/IMG_4.png.geometric.bin").write_bytes(b"64&48&1&" + np.ones((48, 64), "<f4").tobytes())
+    assert open_sequence(path).notes[0].startswith("COLMAP's unit is 0.5 m")
+
+
+@pytest.mark.parametrize(
+    ("data", "found"),
+    [
+        (b"64&48&1&" + bytes(4 * 64 * 48 - 1), r"expected 64x48 numbers in 12288 bytes, found 12287 bytes"),
+        (
+            b"64&48&3&" + bytes(4 * 64 * 48 * 3),
+            r"expected a depth map of COLMAP \(width&height&1&...\), found b'64&48&3&",
+        ),
+        (b"99999&9&1&", r"expected a picture of at most 16384 pixels a side"),
+        (b"", r"expected a depth map of COLMAP"),
+    ],
+)
+def test_a_damaged_depth_map_of_colmap_s_is_said(tmp_path, data, found):
+    path = own_depth_maps(colmap(tmp_path).path, "stereo/depth_maps")
+    files = sorted((path / "stereo/depth_maps").iterdir())
+    files[0].write_bytes(data)
+    with pytest.raises(InputError, match=rf"IMG_0\.png\.photometric\.bin: {found}"):
+        open_sequence(path).read(0)
+    for file in files:
+        file.write_bytes(data)
+    with pytest.raises(InputError, match=found):
         open_sequence(path)
 
 
