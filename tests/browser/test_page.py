@@ -271,14 +271,18 @@ def test_on_a_phone_a_tab_that_is_tapped_has_the_whole_sheet_unless_something_is
 
 
 def test_what_is_selected_next_is_read_from_its_name_on(page, bench):
+    whole = page.viewport_size
     page.set_viewport_size({"width": 1280, "height": 360})
-    select_chair_1(page, bench)
-    page.get_by_text("Its best views").or_(page.get_by_text("Why is this one object?")).last.evaluate(
-        "(one) => one.scrollIntoView({ block: 'start' })"
-    )
-    expect(page.locator(".simaps-selected")).not_to_be_in_viewport()
-    mine(bench).select(COUCH)
-    expect(page.locator(".simaps-selected", has_text="couch 5")).to_be_in_viewport()
+    try:
+        select_chair_1(page, bench)
+        page.get_by_text("Its best views").or_(page.get_by_text("Why is this one object?")).last.evaluate(
+            "(one) => one.scrollIntoView({ block: 'start' })"
+        )
+        expect(page.locator(".simaps-selected")).not_to_be_in_viewport()
+        mine(bench).select(COUCH)
+        expect(page.locator(".simaps-selected", has_text="couch 5")).to_be_in_viewport()
+    finally:
+        page.set_viewport_size(whole)
 
 
 def test_a_hint_stands_beside_the_panels_and_covers_nothing_of_them(page):
