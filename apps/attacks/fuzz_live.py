@@ -67,7 +67,7 @@ def _messages(folder: Path) -> Case:
 
 
 def _server(folder: Path) -> Case:
-    """Say damaged things as a server of the Foxglove protocol, and name damaged tokens as a node of Zenoh."""
+    """Send damaged messages as a server of the Foxglove protocol, and damaged tokens as a node of Zenoh."""
     channels = [{"id": i, "topic": topic, "encoding": "cdr", "schemaName": kind} for i, (topic, kind) in
                 enumerate(TOPICS.items())]  # fmt: skip
     said = [

@@ -320,7 +320,7 @@ def _certain(agent: Agent, reading: Reading) -> tuple[Reading, tuple[str, ...]]:
     """
     program, doubtful, settled = reading.program, agent.simap.doubtful, set[int]()
     notes, passed = dict[str, None](), dict[int, Instance]()
-    while doubtful:
+    while doubtful and any(map(_BY_NAME.fullmatch, program.splitlines())):  # else there is nothing to rehearse for
         begun, stuck = _begun(agent, program)
         lines = program.splitlines()
         for line, pose in begun:

@@ -1261,7 +1261,7 @@ class CommandPanel(Panel):
         self._outcome = False
 
     def _show_reading(self) -> None:
-        """Say that what is typed is being read, where the letters before were answered; nothing below moves for it."""
+        """Show that what is typed is being read, where the letters before were answered; nothing below moves for it."""
         before, was_outcome, words = str(self._result.content), self._outcome, TYPING if self.uses_model else READING
         self._show_typed("", words)
         if not was_outcome and words not in before:
