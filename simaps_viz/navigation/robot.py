@@ -490,8 +490,9 @@ class Robot:
 
     def _lap(self, things: Sequence[Instance], turns: float) -> list[list[float]]:
         """Return the positions of a loop around things, see `lap`."""
-        what = f"the {things[0].label}" if len(things) == 1 else f"these {len(things)} things"
         one = things[0] if len(things) == 1 else None
+        alike = 0 if one is None else sum(other.label == one.label for other in self.simap.objects)
+        what = f"these {len(things)} things" if one is None else one.name if alike > 1 else f"the {one.label}"
         cells = [self.grounding.cells_of(thing) for thing in things]
         points = self._plan(lambda planner: lap(planner, self._here, cells, what, turns))
         return [Position(point, one) for point in points]

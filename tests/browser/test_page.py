@@ -334,6 +334,22 @@ def test_space_presses_the_button_that_has_the_focus_and_does_not_play(bench, pa
     assert session.at_end and session.players["frames"]._turn is None
 
 
+def test_a_sentence_typed_outside_every_box_goes_to_the_command_box_and_presses_no_key_of_the_page(bench, page):
+    session, box = mine(bench), page.locator("textarea[aria-label=Command]")
+    tab(page, "Map")
+    page.keyboard.type("turn the hall light left", delay=40)  # T, L and H are keys, Space plays
+    expect(box).to_be_focused()
+    expect(box).to_have_value("turn the hall light left")
+    assert not session.theme.dark and session.at_end
+    expect(page.get_by_text("How to use this page")).to_be_hidden()
+    box.fill("")
+    box.blur()
+    page.keyboard.press("l")  # alone it is one
+    until(page, lambda: session.theme.dark)
+    page.keyboard.press("l")
+    until(page, lambda: not session.theme.dark)
+
+
 def test_an_object_is_found_by_its_name_and_number(bench, page):
     session = mine(bench)
     tab(page, "Mend")

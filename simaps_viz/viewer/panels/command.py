@@ -353,14 +353,15 @@ def _cap(text: str) -> str:
 
 
 def goal_labels(simap: SIMap, goals: Sequence[Goal]) -> list[Label]:
-    """Number and name the objects that the robot was sent to, in order, as far as they are on the map."""
+    """Name the objects that the robot was sent to, numbered in order if there are several goals, as far as shown."""
     numbers: dict[int, list[str]] = {}
     for number, goal in enumerate(goals, start=1):
         for one in (goal.instance, goal.other_instance):
             if one:
                 numbers.setdefault(one, []).append(str(number))
     known = {instance.id: instance for instance in (*simap.instances, *simap.hidden)}
-    return [label_of(f"{', '.join(texts)} · {known[i].name}", known[i]) for i, texts in numbers.items() if i in known]
+    order = {i: f"{', '.join(texts)} · " if len(goals) > 1 else "" for i, texts in numbers.items()}
+    return [label_of(f"{order[i]}{known[i].name}", known[i]) for i in numbers if i in known]
 
 
 def named_in(simap: SIMap, text: str) -> list[int]:
@@ -581,6 +582,8 @@ class Marks:
     path_m: NDArray = field(default_factory=lambda: np.zeros((0, 2)))
     """float [n, 2], map frame, metres; n < 2 draws none."""
     labels: Sequence[Label] = ()
+    stops_m: tuple[tuple[float, float], ...] = ()
+    """Where on the path the robot stops, besides its end."""
 
 
 @dataclass(frozen=True)
@@ -595,6 +598,12 @@ class RobotState:
     speed: float
     marks: Marks
     height_m: float
+
+
+def _with_path(marks: Marks, answer: Answer) -> Marks:
+    """Return marks with the path of an answer too, and the stops at what it goes to on the way."""
+    drives = [goal for goal in answer.goals if goal.instance and goal.primitive not in TURNS]
+    return replace(marks, path_m=answer.path_m, stops_m=tuple(goal.point_m for goal in drives))
 
 
 class CommandPanel(Panel):
@@ -896,7 +905,7 @@ class CommandPanel(Panel):
             self._conclude(answer)
             return
         self._trajectory = planned
-        self._draw(replace(self._marks, path_m=answer.path_m))
+        self._draw(_with_path(self._marks, answer))
         self._driven = self._marks, self._lit
         self._show_progress(0.0)
         self._show_phase("paused" if paused else "driving")
@@ -1015,7 +1024,7 @@ class CommandPanel(Panel):
         moves = answer.path_length_m > 0.0
         self._mark(answer, labels, STOPS if moves else "")
         if moves:
-            self._draw(replace(self._marks, path_m=answer.path_m))
+            self._draw(_with_path(self._marks, answer))
         if answer.answer is not None and not answer.goals:
             about = anchors_text(self._page.simap, answer, doubtful_on(self._page))
             self._show_typed("", "A question: Go answers it.", (*about, *answer.notes))
@@ -1097,10 +1106,12 @@ class CommandPanel(Panel):
 
     def _of_them_doubtful(self, ids: Collection[int]) -> str:
         """Return words for how many of several objects are doubtful, as the page counts; empty where none is."""
-        faint = len(doubtful_on(self._page) & set(ids))
+        faint = doubtful_on(self._page) & set(ids)
         if not faint or len(ids) == 1:
             return ""
-        return f"Of these {len(ids)}, {faint} {'are' if faint > 1 else 'is'} doubtful."
+        names = [one.name for one in all_instances(self._page.simap) if one.id in faint]
+        named = f": {', '.join(names)}" if len(names) <= min(_MAX_LISTED, len(ids) - 1) else ""
+        return f"Of these {len(ids)}, {len(faint)} {'are' if len(faint) > 1 else 'is'} doubtful{named}."
 
     def _moved(self, pose: Pose2, share: float, leg: int) -> None:
         self._page.pose = pose
@@ -1219,7 +1230,7 @@ class CommandPanel(Panel):
         with self._page.client.atomic(), self._drawing:
             self._marks = self._marks if marks is None else marks
             shown = Marks() if self._hidden else self._marks
-            self._scene.show_path(shown.path_m)
+            self._scene.show_path(shown.path_m, shown.stops_m)
             lit = () if self._hidden else self._lit
             self._scene.show_target(outline_segments(self._page.simap, *lit, z_m=OUTLINE_M))
             self._scene.show_candidates(shown.labels)

@@ -29,6 +29,7 @@ CHANGED: dict[str, Color] = {"/changed": (230, 20, 150), "/changed_2": (255, 140
 """Lines around what changed: those of one change have a colour each, which its name has too, in the page's style."""
 OUTLINE_PX = 3.0
 ROBOT_RADIUS_M, ROBOT_HEIGHT_M = RobotShape().radius_m, 0.35
+RING_CORNERS = 24
 PICTURE_M = 0.004
 """Height over the map of a picture that is shown instead of it."""
 PARENTS = ("/why",)
@@ -245,11 +246,16 @@ class MapScene:
             self._robot.position = (pose.x_m, pose.y_m, 0.0)
             self._robot.wxyz = vtf.SO3.from_z_radians(pose.yaw_rad).wxyz
 
-    def show_path(self, points_m: NDArray) -> None:
-        """Draw a path on the floor, [n, 2]; n < 2 draws none."""
+    def show_path(self, points_m: NDArray, stops_m: Sequence[tuple[float, float]] = ()) -> None:
+        """Draw a path on the floor, [n, 2], with a ring as wide as the robot at its end and its stops; n < 2: none."""
         points = np.asarray(points_m, np.float64).reshape(-1, 2)
-        line = np.column_stack([points, np.full(len(points), 0.03)])
-        segments = np.stack([line[:-1], line[1:]], axis=1) if len(line) > 1 else np.zeros((0, 2, 3))
+        stops = np.array(list(dict.fromkeys([*stops_m, tuple(points[-1])])) if len(points) > 1 else np.zeros((0, 2)))
+        turns = np.linspace(0.0, 2.0 * np.pi, RING_CORNERS + 1)
+        rings = stops[:, None] + ROBOT_RADIUS_M * np.column_stack([np.cos(turns), np.sin(turns)])
+        lines = [points, *rings] if len(points) > 1 else []
+        flat = [np.stack([line[:-1], line[1:]], axis=1) for line in lines]
+        segments = np.concatenate([np.zeros((0, 2, 2)), *flat])
+        segments = np.concatenate([segments, np.full((*segments.shape[:2], 1), 0.03)], axis=2)
         with self._lock:
             draw_lines(self._scene, "/path", segments, PATH, 4.0, visible=self._pictured is None)
 

@@ -522,6 +522,8 @@
     controls.dollyTo(controls.distance / closer, false);
   };
   for (const kind of ['pointerdown', 'pointermove', 'pointerup', 'pointercancel']) window.addEventListener(kind, touch, true);
+  // What was clicked is told by the panel; the hint comes back when the pointer moves.
+  window.addEventListener('pointerup', () => { pointer = null; changed = true; }, true);
   // A click on a name is one on the object that has it; the scene would take what lies below the name.
   let down = null;
   window.addEventListener('pointerdown', (event) => {

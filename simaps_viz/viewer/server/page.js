@@ -154,7 +154,11 @@
   const showChange = () => {  // what a slider changed, or keeps two things apart, is said where it may be out of sight
     for (const name of ['.simaps-change', '.simaps-apart', '.simaps-detail']) {
       const said = document.querySelector(name), inSight = said && said.getBoundingClientRect().top < innerHeight - BEGINS_PX;
-      if (said && said !== changeSeen[name] && !(inSight && name === '.simaps-change')) said.scrollIntoView({ block: 'nearest' });
+      if (said && said !== changeSeen[name] && !(inSight && name === '.simaps-change')) {
+        said.scrollIntoView({ block: 'nearest' });
+        const moved = document.activeElement.closest('.mantine-Slider-thumb');  // stays under the finger that moves it
+        if (moved && name === '.simaps-change') moved.closest('.mantine-Flex-root').scrollIntoView({ block: 'nearest' });
+      }
       changeSeen[name] = said;
     }
   };
@@ -217,9 +221,9 @@
       if (node.data.trim() === text && node.parentElement.offsetParent) return node.parentElement;
     return null;
   };
-  const toBox = (label, tabName, tries, opened = new Set()) => {
+  const toBox = (label, tabName, tries, opened = new Set(), then = () => {}) => {
     const box = document.querySelector(`[aria-label="${label}"]`);
-    if (box && box.offsetParent) { box.focus(); return; }
+    if (box && box.offsetParent) { box.focus(); then(box); return; }
     if (tries === 0) return;
     const tab = titled(tabName);
     if (tab && !isOpen(tab)) press(tab);
@@ -228,8 +232,40 @@
       if (title && !opened.has(title)) title.click();
       opened.add(title);
     }
-    setTimeout(() => { nameControls(); toBox(label, tabName, tries - 1, opened); }, 120);
+    setTimeout(() => { nameControls(); toBox(label, tabName, tries - 1, opened, then); }, 120);
   };
+  // Words that are typed outside every box go to the command box: their letters are no keys of the page. So a letter
+  // counts as one only when no other follows at once; those that lead to a box, or are held, count immediately.
+  const HELD_MS = 300, AT_ONCE = ['f', 'b'];
+  let held = [], waits = 0, leads = false;
+  const sendKey = ({ key, code, shiftKey, target }) => (target.isConnected ? target : document.body).dispatchEvent(
+    new KeyboardEvent('keydown', { key, code, shiftKey, bubbles: true, cancelable: true }));
+  const release = () => {
+    const [one] = held;
+    held = [];
+    sendKey(one);
+  };
+  const handOver = (box) => {
+    const words = held.map((one) => one.key).join('');
+    [held, leads] = [[], false];
+    Object.getOwnPropertyDescriptor(HTMLTextAreaElement.prototype, 'value').set.call(box, words);
+    box.dispatchEvent(new InputEvent('input', { bubbles: true }));
+  };
+  window.addEventListener('keydown', (event) => {
+    const { key, target, repeat } = event, plain = !event.ctrlKey && !event.metaKey && !event.altKey;
+    if (!event.isTrusted || !plain || !target.closest || target.closest('input:not([type=checkbox]), textarea, select, [contenteditable], [role=dialog]')) return;
+    if (!held.length && (repeat || !/^[a-z]$/i.test(key) || AT_ONCE.includes(key) || !titled('Command'))) return;
+    if (key.length !== 1) return;
+    event.preventDefault();
+    event.stopImmediatePropagation();
+    if (!repeat) held.push({ key, code: event.code, shiftKey: event.shiftKey, target });
+    clearTimeout(waits);
+    if (held.length === 1) { waits = setTimeout(release, HELD_MS); return; }
+    waits = setTimeout(() => { [held, leads] = [[], false]; }, 3000);  // there is no such box after all
+    if (leads) return;
+    leads = true;
+    toBox('Command', 'Command', 10, new Set(), handOver);
+  }, true);
   document.addEventListener('keydown', (event) => {
     const busy = event.target.closest && event.target.closest('input, textarea, [contenteditable]');
     if (busy || event.ctrlKey || event.metaKey || event.altKey) return;
