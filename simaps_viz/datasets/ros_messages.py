@@ -23,6 +23,7 @@ from simaps_viz.io.limits import check_picture
 
 IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 CLOUD, CAMERA_INFO = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/CameraInfo"
+STAMPED = "geometry_msgs/msg/TransformStamped"
 TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 POSE_TYPES = (
     "nav_msgs/msg/Odometry",

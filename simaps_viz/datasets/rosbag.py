@@ -31,6 +31,7 @@ from simaps_viz.datasets.ros_messages import (
     IMAGE,
     MAX_GAP_S,
     POSE_TYPES,
+    STAMPED,
     TF_TYPES,
     Link,
     Transforms,
@@ -55,6 +56,8 @@ _REGISTERED = ("aligned", "registered", "depth_to_rgb", "depth_to_color")
 """In the names of topics whose depth is brought to the colour camera, whatever frame their headers name."""
 _RECTIFIED, _INFRARED = re.compile(r"(^|_)rect(_|$)"), re.compile(r"[/_]ir([/_]|$)")
 """Parts of topics' names: image_rect_color, image_color_rect; ir/image_raw, image_ir."""
+_TRANSPORTS = ("/compressed", "/compressedDepth", "/zstd")
+"""What image_transport adds to the name of a topic."""
 _SAME_PLACE = 0.002
 """Metres or radians that two cameras may be apart and still be one."""
 _UPWARDS = 0.7
@@ -67,7 +70,7 @@ FACTS = FormatFacts(
     depth="Image or CompressedImage, 16UC1 or 32FC1; PointCloud2",
     depth_unit_m=DEPTH_UNIT_M,
     invalid="0, NaN, infinity",
-    pose="tf to the camera's optical frame; or Odometry, PoseStamped",
+    pose="tf or TransformStamped to the camera's optical frame; or Odometry, PoseStamped",
     up=(0.0, 0.0, 1.0),
 )
 
@@ -130,6 +133,7 @@ def _open(path: Path, bag: "Bag") -> Recording:
     transforms = _transforms(bag, start := int(times[0]))
     use = _cloud_source(bag, *topics) if of_clouds else _image_source(bag, *topics, transforms)
     source, color, target = use.topic, use.color, use.target
+    stamped = () if transforms.moves(use.camera) else _add_stamped(bag, transforms, start, use.camera)
 
     # Each depth image takes the colour nearest to it, and the pose of its own time. A cloud and its picture may be of
     # different times, so each has its own pose.
@@ -151,6 +155,7 @@ def _open(path: Path, bag: "Bag") -> Recording:
     notes = (
         *bag.notes,
         *use.notes,
+        *stamped,
         *left_out(len(times) - len(pairs), len(times), f"{use.what} have no colour of their time ({late})"),
         *left_out(int((~known).sum()), len(times), f"{use.what} have no pose of their time"),
     )
@@ -204,19 +209,21 @@ def _cloud_source(bag: "Bag", clouds: str, color: str) -> _Source:
 
 def _image_source(bag: "Bag", depth: str, color: str, transforms: Transforms) -> _Source:
     """Find the cameras of depth and colour, and whether one has to be brought to the other."""
-    lens = lens_of(bag, depth)
+    lens, others = lens_of(bag, depth), _other_cameras(bag, depth, color)
     color_lens = lens_of(bag, color, otherwise=lens)
     frame, camera = (bag.first(topic).header.frame_id.lstrip("/") for topic in (depth, color))
     registered = frame == camera or not camera or _has(depth, *_REGISTERED)
+    for topic, other in () if registered or not frame else ((depth, color), (color, depth)):
+        _check_own_info(bag, topic, other)
     T = None if registered else transforms.between(camera, frame)
     if T is not None and np.abs(T - np.eye(4)).max() > _SAME_PLACE:
         share = min(1.0, lens.intrinsics.fx / color_lens.intrinsics.fx)  # no finer than depth is, or it has gaps
         k = color_lens.intrinsics
         target = color_lens.scaled(max(round(k.width * share), 1), max(round(k.height * share), 1)).intrinsics
         note = f"depth ({depth}) is registered to colour ({color}) by the transforms between {frame!r} and {camera!r}"
-        return _Source(depth, color, False, frame, camera, lens, color_lens, target, T, (note,))
+        return _Source(depth, color, False, frame, camera, lens, color_lens, target, T, (note, *others))
     apart = f"no transforms between {frame!r} ({depth}) and {camera!r} ({color}): taken as one camera's"
-    notes = () if registered or T is not None else (apart,)
+    notes = others if registered or T is not None else (apart, *others)
     return _Source(depth, color, False, frame, frame, lens, color_lens, lens.intrinsics, None, notes)
 
 
@@ -368,10 +375,15 @@ class Bag:
         raise InputError(f"{self.path}: {topic}: expected the message of {entry.stamp_ns} ns, found it no more")
 
 
-def _image_topics(bag: Bag) -> tuple[str, str]:
-    """Choose depth images, registered to colour if there are such, and the colour images of the same camera."""
+def _image_topics(bag: Bag, depth: str | None = None) -> tuple[str, str]:
+    """Choose depth images, registered to colour if there are such, and the colour images of the same camera.
+
+    Args:
+        bag: where they are.
+        depth: the depth images, where they are chosen already.
+    """
     found = {topic: bag.first(topic) for topic in bag.of_type(IMAGE, COMPRESSED)}
-    usable = [topic for topic in found if not _has(topic, "infra", "confidence") and not _INFRARED.search(topic)]
+    usable = [topic for topic in found if not _no_picture(topic)]
     depths = [topic for topic in usable if is_depth(found[topic])]
     colors = [topic for topic in usable if topic not in depths and not _has(topic.replace("rgb_to_depth", ""), "depth")]
     if not depths or not colors:
@@ -385,7 +397,19 @@ def _image_topics(bag: Bag) -> tuple[str, str]:
         chosen = (not _has(color, "color", "rgb"), -len(_shared(color, depth)), "raw" in color, color)
         return (not _has(depth, *_REGISTERED), apart, packed, depth, *chosen)
 
-    return min(product(depths, colors), key=order)
+    return min(product([depth] if depth else depths, colors), key=order)
+
+
+def _other_cameras(bag: Bag, depth: str, color: str) -> tuple[str, ...]:
+    """Return a note of depth images whose own colour images are in another frame than the chosen ones, or nothing."""
+    frame = bag.first(color).header.frame_id
+    others = [
+        topic
+        for topic in bag.of_type(IMAGE, COMPRESSED)
+        if topic != depth and is_depth(bag.first(topic)) and not _no_picture(topic)
+        and bag.first(_image_topics(bag, topic)[1]).header.frame_id != frame
+    ]  # fmt: skip
+    return (f"depth of one camera ({depth}) is read, not that of others ({', '.join(others)})",) if others else ()
 
 
 def _cloud_topics(bag: Bag) -> tuple[str, str]:
@@ -415,13 +439,25 @@ def lens_of(bag: Bag, topic: str, otherwise: Lens | None = None) -> Lens:
 
     def order(name: str) -> tuple:
         info = bag.first(name)
-        own = topic.startswith(name.rpartition("/")[0] + "/")
         fits = info.header.frame_id == frame, size == (info.width, info.height)
-        return own, *fits, len(_shared(name, topic)), -len(name)
+        return _beside(name, topic), *fits, len(_shared(name, topic)), -len(name)
 
     info = max(infos, key=order)
     rectified = any(_RECTIFIED.search(part) for part in topic.split("/"))
     return decode_lens(f"{bag.path}: {info}", bag.first(info), rectified=rectified)
+
+
+def _check_own_info(bag: Bag, topic: str, other: str) -> None:
+    """Raise InputError where no CameraInfo is of these pictures, and so the one of the other camera would be taken."""
+    frame = bag.first(topic).header.frame_id
+    infos = bag.of_type(CAMERA_INFO)
+    if any(_beside(info, topic) or bag.first(info).header.frame_id == frame for info in infos):
+        return
+    image = topic.rpartition("/")[0] if topic.endswith(_TRANSPORTS) else topic
+    raise InputError(
+        f"{bag.path}: expected {image.rpartition('/')[0]}/camera_info, as {topic} is in another frame ({frame!r}) than "
+        f"{other}, found {', '.join(infos) or 'no CameraInfo'}"
+    )
 
 
 def pose_topic(bag: Bag, transforms: Transforms, camera: str) -> str | None:
@@ -437,11 +473,15 @@ def pose_topic(bag: Bag, transforms: Transforms, camera: str) -> str | None:
         return min(candidates, key=lambda t: (not _has(t, "camera", "slam", "ground"), t))
     if any(not transforms.links[name].fixed for name in transforms.chain(camera)[:-1]):
         return None  # a robot that stood still
+    moved = sorted(name for name, link in transforms.links.items() if not link.still())
     fixed = any(topic.endswith("tf_static") for topic in bag.of_type(*TF_TYPES))
-    hint = "" if fixed else "; it has no /tf_static either, which would say where the camera sits"
+    hint = "it has no poses at all, and a SLAM program (as RTAB-Map) has to add them"
+    if moved:
+        hint = f"/tf moves {', '.join(map(repr, moved[:8]))}, but no transform leads from there to the camera"
+        hint += "" if fixed else " (there is no /tf_static)"
     raise InputError(
         f"{bag.path}: expected transforms (/tf) that move {camera!r}, or poses, found neither among {len(bag.topics)} "
-        f"topics{hint}"
+        f"topics: {hint}"
     )
 
 
@@ -473,8 +513,13 @@ def _transforms(bag: Bag, start_ns: int) -> Transforms:
     transforms = Transforms()
     named = bag.of_type(*TF_TYPES)
     topics = [t for t in named if t.rpartition("/")[2] in ("tf", "tf_static")] or named  # of any namespace
+    _add_transforms(bag, topics, transforms, start_ns)
+    return transforms
+
+
+def _add_transforms(bag: Bag, topics: list[str], transforms: Transforms, start_ns: int) -> None:
     for topic, message in bag.decoded(topics):
-        for entry in message.transforms:
+        for entry in getattr(message, "transforms", [message]):
             where = f"{bag.path}: {topic}: {entry.child_frame_id}"
             transforms.add(
                 entry.header.frame_id, entry.child_frame_id, (stamp_ns(entry.header) - start_ns) / 1e9,
@@ -483,7 +528,14 @@ def _transforms(bag: Bag, start_ns: int) -> Transforms:
     if not any(topic.endswith("tf_static") for topic in topics):  # Foxglove has no other way to say what is fixed
         for link in transforms.links.values():
             link.fixed = link.fixed or len(link.poses) == 1
-    return transforms
+
+
+def _add_stamped(bag: Bag, transforms: Transforms, start_ns: int, camera: str) -> tuple[str, ...]:
+    """Add transforms on topics of their own, as motion capture says them; return a note where they move the camera."""
+    topics = bag.of_type(STAMPED)
+    _add_transforms(bag, topics, transforms, start_ns)
+    note = f"no /tf moves the camera: poses are of {', '.join(topics)} (TransformStamped)"
+    return (note,) if transforms.moves(camera) else ()
 
 
 def _from_poses(
@@ -506,6 +558,16 @@ def _from_poses(
     raise InputError(
         f"{bag.path}: {topic}: expected transforms from {child!r} to the camera {frame!r}, found {', '.join(chain)}"
     )
+
+
+def _no_picture(topic: str) -> bool:
+    """Return whether images are infrared or confidence, by their topic's name."""
+    return _has(topic, "infra", "confidence") or bool(_INFRARED.search(topic))
+
+
+def _beside(info: str, topic: str) -> bool:
+    """Return whether a CameraInfo lies in the folder of a topic, or in one above it."""
+    return topic.startswith(info.rpartition("/")[0] + "/")
 
 
 def _has(topic: str, *parts: str) -> bool:

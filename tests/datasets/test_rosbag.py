@@ -54,6 +54,10 @@ class Drive:
     corrections_s: float | None = None
     """map to odom comes so often; None = never."""
     more: Callable[[], list[tuple[float, str, Any]]] = list
+    without: str = ""
+    """A topic that was not recorded."""
+    mocap: bool = False
+    """The base is on a topic of TransformStamped, not on /tf."""
 
     def write(self, path: Path) -> Path:
         base = T_BASE_CAMERA if self.T_base_color is None else self.T_base_color
@@ -85,7 +89,8 @@ class Drive:
                 found.append((time_s, "/orb_slam/camera_pose", stamped))
                 continue
             T = Z_UP.pose(tick / 4) @ invert_pose(T_BASE_CAMERA)
-            found.append((time_s, "/tf", MAKE.transform(time_s, "odom", "base_link", T)))
+            moved = MAKE.transform(time_s, "odom", "base_link", T)
+            found.append((time_s, "/vicon/rig/rig", moved.transforms[0]) if self.mocap else (time_s, "/tf", moved))
         for n in range(0 if self.corrections_s is None else 4):
             assert self.corrections_s is not None
             time_s = START_S - 0.6 + n * self.corrections_s
@@ -101,6 +106,7 @@ class Drive:
             found += [(time_s + 0.03, self.depth, MAKE.image(time_s, raw, "16UC1", self.depth_frame)),
                       (color_s + 0.03, self.color, MAKE.image(color_s, rgb, "rgb8", self.color_frame))]  # fmt: skip
         path.parent.mkdir(exist_ok=True, parents=True)
+        found = [entry for entry in found if entry[1] != self.without]
         write_bag2(path, sorted(found, key=lambda e: e[0]), MAKE, rosbag2.StoragePlugin.SQLITE3)
         return path
 
@@ -247,10 +253,47 @@ def test_a_bag_without_static_transforms_says_what_it_lacks(tmp_path):
     """rosbag2 started later than a latched publisher: the most frequent gap of real bags."""
     drive = Drive(depth_frame="color_optical", mounted="elsewhere")
     path = drive.write(tmp_path / "drive")
-    with pytest.raises(
-        InputError, match=r"transforms \(/tf\) that move 'color_optical', or poses, found neither among"
-    ):
+    moves = "6 topics: /tf moves 'base_link', but no transform leads from there to the camera"
+    with pytest.raises(InputError, match=rf"that move 'color_optical', or poses, found neither among {moves}"):
         open_sequence(path)
+
+
+def test_a_bag_without_poses_is_called_so(tmp_path):
+    """realsense-viewer records pictures and cameras alone."""
+    path = Drive(depth_frame="color_optical", without="/tf").write(tmp_path / "drive")
+    with pytest.raises(InputError, match=r"found neither among 5 topics: it has no poses at all, and a SLAM program"):
+        open_sequence(path)
+
+
+def test_motion_capture_on_a_topic_of_its_own(tmp_path):
+    """vicon_bridge says TransformStamped; its subject is what the camera sits on."""
+    sequence = open_sequence(Drive(depth_frame="color_optical", mocap=True).write(tmp_path / "drive"))
+    assert sequence.notes == ("no /tf moves the camera: poses are of /vicon/rig/rig (TransformStamped)",)
+    expect_frames(sequence)
+
+
+@pytest.mark.parametrize("other", ["depth", "color"])
+def test_the_camera_of_one_frame_is_not_taken_for_that_of_another(tmp_path, other):
+    """Depth beside colour has another lens, though its pictures may be as large."""
+    info = f"/camera/{other}/camera_info"
+    drive = Drive(T_color_depth=T_COLOR_DEPTH, T_depth_camera=T_COLOR_DEPTH, without=info)
+    with pytest.raises(InputError, match=rf"expected {info}, as /camera/{other}/image_raw is in another frame"):
+        open_sequence(drive.write(tmp_path / "apart"))
+    drive = Drive(depth_frame="color_optical", without=info)
+    expect_frames(open_sequence(drive.write(tmp_path / "registered")))
+
+
+def test_another_camera_s_depth_is_named(tmp_path):
+    def left() -> list[tuple[float, str, Any]]:
+        ones, rgb = np.ones((24, 32), "<u2"), np.ones((24, 32, 3), np.uint8)
+        return [(START_S, "/left/aligned_depth_to_color/image_raw", MAKE.image(START_S, ones, "16UC1", "left_optical")),
+                (START_S, "/left/color/image_raw", MAKE.image(START_S, rgb, "rgb8", "left_optical"))]  # fmt: skip
+
+    depth = "/camera/aligned_depth_to_color/image_raw"
+    sequence = open_sequence(Drive(depth, depth_frame="color_optical", more=left).write(tmp_path / "drive"))
+    others = "/left/aligned_depth_to_color/image_raw"
+    assert sequence.notes == (f"depth of one camera ({depth}) is read, not that of others ({others})",)
+    expect_frames(sequence)
 
 
 def test_late_colour_says_how_late_it_is_and_what_is_allowed(tmp_path):
