@@ -19,19 +19,27 @@ from simaps_viz.io.limits import MAX_IMAGE_BYTES, check_picture, read_bytes
 PNG_START = b"\x89PNG\r\n\x1a\n"
 PGM_START = b"P5"
 JPEG_START = b"\xff\xd8"
+_WEBP = re.compile(rb"RIFF....WEBP", re.DOTALL)
 MAX_ID = 65535
 """Id images have 16 bits at most."""
 
 
 def check_header(where: object, data: bytes) -> tuple[int, int]:
-    """Return width and height; raise InputError unless they start as a PNG, PGM or JPEG of a size cameras may have.
+    """Return width and height; raise InputError unless it is a PNG, PGM, JPEG or WebP of a size cameras may have.
 
-    Pillow reads the header alone; of images this large OpenCV would allocate all before it finds them damaged.
+    Pillow reads the header alone (but not that of WebP, where it allocates the picture); of images this large OpenCV
+    would allocate all before it finds them damaged.
     """
+    if _WEBP.match(data):
+        found = _webp_size(where, data)
+        check_picture(where, *found)
+        return found
     kinds = {PNG_START: PngImageFile, JPEG_START: JpegImageFile, PGM_START: PpmImageFile}
     kind = next((kind for start, kind in kinds.items() if data.startswith(start)), None)
     if kind is None:
-        raise InputError(f"{where}: expected an image, found one that cannot be decoded (only PNG, PGM and JPEG are)")
+        raise InputError(
+            f"{where}: expected an image, found one that cannot be decoded (only PNG, PGM, JPEG and WebP are)"
+        )
     try:
         with kind(BytesIO(data)) as image:  # not Image.open, which judges the size by its own limits
             found = image.size
@@ -131,8 +139,23 @@ def _check_complete(where: Path | str, data: bytes) -> None:
         fault = _jpeg_fault(data)
     elif data.startswith(PGM_START):
         fault = _pgm_fault(data)
+    elif _WEBP.match(data) and len(data) < (whole := int.from_bytes(data[4:8], "little") + 8):
+        fault = f"a truncated WebP ({len(data)} of {whole} bytes)"
     if fault:
         raise InputError(f"{where}: expected a whole image, found {fault}")
+
+
+def _webp_size(where: object, data: bytes) -> tuple[int, int]:
+    """Return width and height of a WebP (RFC 9649): of its canvas, or of its only picture; raise for an animation."""
+    kind, first = data[12:16], data[20:30]
+    if kind == b"VP8X" and len(first) == 10 and not first[0] & 2:
+        return int.from_bytes(first[4:7], "little") + 1, int.from_bytes(first[7:10], "little") + 1
+    if kind == b"VP8L" and first[:1] == b"\x2f":
+        bits = int.from_bytes(first[1:5], "little")
+        return (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
+    if kind == b"VP8 " and first[3:6] == b"\x9d\x01\x2a":
+        return int.from_bytes(first[6:8], "little") & 0x3FFF, int.from_bytes(first[8:10], "little") & 0x3FFF
+    raise InputError(f"{where}: expected an image, found one that cannot be decoded (a WebP that moves or has no size)")
 
 
 def _png_fault(data: bytes) -> str | None:

@@ -33,9 +33,9 @@ def test_ros1(tmp_path: Path, packed: str | None) -> None:
     same(open_sequence(tmp_path / "drive.mcap"), open_sequence(ros1_bag(tmp_path / "bag").path))
 
 
-@pytest.mark.parametrize("kind", ["protobuf", "json"])
-def test_foxglove_s_messages(tmp_path: Path, kind: str, reference: PosedFrames) -> None:
-    (tmp_path / "drive.mcap").write_bytes(mcap(foxglove(kind), "zstd"))
+@pytest.mark.parametrize(("kind", "picture"), [("protobuf", "png"), ("json", "png"), ("json", "webp")])
+def test_foxglove_s_messages(tmp_path: Path, kind: str, picture: str, reference: PosedFrames) -> None:
+    (tmp_path / "drive.mcap").write_bytes(mcap(foxglove(kind, picture), "zstd"))
     sequence = open_sequence(tmp_path / "drive.mcap")
     assert sequence.notes == ()
     same(sequence, reference)

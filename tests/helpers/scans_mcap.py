@@ -91,8 +91,8 @@ def protobuf(fields: dict[int, Any]) -> bytes:
     return out
 
 
-def foxglove(kind: str) -> list[Message]:
-    """Depth as RawImage in millimetres, colour as JPEG or PNG, a calibration, transforms; nothing is on /tf."""
+def foxglove(kind: str, picture: str = "png") -> list[Message]:
+    """Depth as RawImage in millimetres, colour as PNG or WebP, a calibration, transforms; nothing is on /tf."""
     k, found = camera(), []
 
     def add(topic: str, name: str, fields: list[tuple[str, int, Any]], time_s: float) -> None:
@@ -144,9 +144,10 @@ def foxglove(kind: str) -> list[Message]:
         add("/camera/depth/image", "RawImage", [("width", 2, ("u4", k.width)), ("height", 3, ("u4", k.height)),
             ("encoding", 4, "16UC1"), ("step", 5, ("u4", 2 * k.width)), ("data", 6, raw.tobytes()),
             ("frame_id", 7, "camera_optical")], time_s)  # fmt: skip
-        png = cv2.imencode(".png", np.ascontiguousarray(COLORS[ids][..., ::-1]))[1].tobytes()
+        whole = [cv2.IMWRITE_WEBP_QUALITY, 101] if picture == "webp" else []
+        data = cv2.imencode(f".{picture}", np.ascontiguousarray(COLORS[ids][..., ::-1]), whole)[1].tobytes()
         add("/camera/color/image", "CompressedImage",
-            [("data", 2, png), ("format", 3, "png"), ("frame_id", 4, "camera_optical")], time_s + 0.005)  # fmt: skip
+            [("data", 2, data), ("format", 3, picture), ("frame_id", 4, "camera_optical")], time_s + 0.005)  # fmt: skip
     found.append((START_S, "/imu", kind, "foxglove.LocationFix", "protobuf", b"", b"\x08\x01"))
     return found
 

@@ -79,7 +79,30 @@ def test_pictures_of_no_camera(tmp_path, size):
 def test_only_pictures_whose_size_is_known_are_decoded(tmp_path):
     path = tmp_path / "a.png"
     path.write_bytes(cv2.imencode(".bmp", np.zeros((8, 8, 3), np.uint8))[1].tobytes())
-    refused(read_color, path, match="only PNG, PGM and JPEG are")
+    refused(read_color, path, match="only PNG, PGM, JPEG and WebP are")
+
+
+def webp(kind: bytes, body: bytes) -> bytes:
+    """A WebP whose header is right and whose pixels are not there."""
+    return b"RIFF" + struct.pack("<I", 12 + len(body)) + b"WEBP" + kind + struct.pack("<I", len(body)) + body
+
+
+@pytest.mark.parametrize(
+    ("data", "match"),
+    [
+        (webp(b"VP8 ", b"\x30\x01\0\x9d\x01\x2a" + struct.pack("<HH", 16_383, 16_383)), "found 16383x16383"),
+        (webp(b"VP8L", b"\x2f" + struct.pack("<I", 16_383 | 16_383 << 14) + bytes(8)), "found 16384x16384"),
+        (webp(b"VP8X", bytes(4) + b"\xff" * 6), "found 16777216x16777216"),
+        (webp(b"VP8X", b"\x02" + bytes(9)), "a WebP that moves or has no size"),
+        (webp(b"VP8X", bytes(4)), "a WebP that moves or has no size"),
+        (webp(b"VP8X", bytes(10))[:-1], "a truncated WebP"),
+        (webp(b"VP8X", bytes(4) + b"\x07\0\0\x07\0\0"), "cannot be decoded"),
+    ],
+)
+def test_webp_of_no_camera(tmp_path, data, match):
+    path = tmp_path / "a.webp"
+    path.write_bytes(data)
+    refused(read_color, path, match=match)
 
 
 def npy(shape: str, kind: str = "'<f4'", data: bytes = b"") -> bytes:
