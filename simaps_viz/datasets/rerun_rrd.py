@@ -1,5 +1,8 @@
 """Read rerun recordings (``.rrd``): a DepthImage, a picture and a Pinhole below entities that Transform3D moves.
 
+Every entity is in a frame: one that its CoordinateFrame names, as rerun's ROS example and its MCAP importer do, or else
+one of its own, which is in that of the entity above it. Transform3D and Pinhole say where one frame is in another.
+
 The file is read through once for times, poses and cameras. Pictures are read again when they are wanted, forwards, with
 a few chunks kept, so memory does not grow with the recording.
 """
@@ -106,19 +109,24 @@ FACTS = FormatFacts(
     recognised_by="`*.rrd`",
     depth="DepthImage: 16-bit or 32-bit float; EncodedDepthImage: PNG, RVL",
     invalid="0, NaN",
-    pose="Transform3D of the picture's entity and those above it",
+    pose="Transform3D of the picture's frame (its entity, or a named one) and those above it",
 )
 
 CHUNKS_KEPT = 6
 UP = 1
 """In ViewCoordinates; 2 is down."""
+_AXES = {1: (0, -1, 0), 2: (0, 1, 0), 3: (1, 0, 0), 4: (-1, 0, 0), 5: (0, 0, 1), 6: (0, 0, -1)}
+"""Directions of ViewCoordinates (up, down, right, left, forward, back) in a camera's axes."""
 RDF = [3, 2, 5]
-"""Right, down, forward: the only camera axes that are read."""
+"""Right, down, forward: the camera axes of a Pinhole that names none."""
+_IMPLICIT = "tf#"
+"""Before an entity's path: the name of its own frame."""
 _U8, _U16, _F32 = 6, 8, 34
 """Numbers of ChannelDatatype."""
 _DEPTHS, _COLORS = ("DepthImage", "EncodedDepthImage"), ("Image", "EncodedImage")
 _RVL = "application/rvl"
-_TIMELINES_LAST = ("log_time", "log_tick")
+_LOGGED = ("message_publish_time", "message_log_time", "log_tick", "log_time")
+"""Timelines of when something was recorded, not taken; the best first."""
 
 
 def _recognise(path: Path) -> bool:
@@ -145,8 +153,9 @@ def _open(path: Path) -> Recording:
     depth = _the_one(path, "DepthImage with times below a Pinhole", found.pictures,
                      lambda p: p.kind in _DEPTHS and found.has_pinhole(p.entity))  # fmt: skip
     color = _the_one(path, "colour Image or EncodedImage below a Pinhole", found.pictures,
-                     lambda p: p.kind in _COLORS and found.has_pinhole(p.entity), near=depth.entity)  # fmt: skip
-    timeline = _timeline(path, depth, color)
+                     lambda p: p.kind in _COLORS and found.has_pinhole(p.entity),
+                     lambda p: found.shared(p.entity, depth.entity))  # fmt: skip
+    timeline = _timeline(path, depth, color, found)
     times, color_times = depth.times[timeline], color.times[timeline]
     depth_order, color_order = (np.argsort(t, kind="stable") for t in (times, color_times))
     partner = color_order[nearest(color_times[color_order], times[depth_order])]
@@ -169,6 +178,7 @@ def _open(path: Path) -> Recording:
             rgb = _rgb(path, color.read(int(color_rows[i])))
         return see_through(rgb, color_lens.scaled(rgb.shape[1], rgb.shape[0]), target, exact=False)
 
+    logged = f"pictures and poses share no time but {timeline}, when they were recorded: poses may be late"
     return Recording(
         facts=replace(FACTS, up=found.up),
         path=path,
@@ -179,7 +189,10 @@ def _open(path: Path) -> Recording:
         depth=read_depth,
         color=read_color,
         depth_unit_m=1 / depth.meter if depth.meter and depth.meter >= 100 else None,
-        notes=left_out(len(times) - len(kept), len(times), "depth images have no picture or pose of their time"),
+        notes=(
+            *((logged,) if timeline in _LOGGED else ()),
+            *left_out(len(times) - len(kept), len(times), "depth images have no picture or pose of their time"),
+        ),
     )
 
 
@@ -276,7 +289,12 @@ class _Contents:
         self.path = path
         self.up: tuple[float, float, float] | None = None
         self.pictures: dict[tuple[str, str], _Pictures] = {}
-        self._pinholes: dict[str, dict[str, Any]] = {}
+        self._frames: dict[str, str] = {}
+        """Of entities that are not in their own."""
+        self._parents: dict[str, str] = {}
+        """Of frames that something is said of."""
+        self._pinholes: dict[str, dict[str, dict[str, Any]]] = {}
+        """Of frames, by entity: camera_info topics of one frame may be of several sizes."""
         self._static: dict[str, dict[str, Any]] = {}
         self._moving: dict[str, dict[str, tuple[list[int], list[dict[str, Any]]]]] = {}
         for chunk in _chunks(path):
@@ -284,8 +302,13 @@ class _Contents:
             kinds = {name.partition(":")[0] for name in batch.schema.names if ":" in name}
             for kind in kinds & {*_DEPTHS, *_COLORS}:
                 self._add_pictures(chunk, batch, kind)
+            if "CoordinateFrame" in kinds:
+                self._frames.setdefault(chunk.entity_path, str(_row(batch, "CoordinateFrame", 0)["frame"][0]))
             if "Pinhole" in kinds:
-                self._pinholes.setdefault(chunk.entity_path, _row(batch, "Pinhole", 0))
+                values = _row(batch, "Pinhole", 0)
+                self._pinholes.setdefault(self._link(chunk.entity_path, values), {}).setdefault(
+                    chunk.entity_path, values
+                )
             if "ViewCoordinates" in kinds and chunk.is_static:
                 self._add_up(_row(batch, "ViewCoordinates", 0))
             if "Transform3D" in kinds:
@@ -320,39 +343,81 @@ class _Contents:
 
     def _add_transforms(self, chunk: Any, batch: Any) -> None:
         rows = [_row(batch, "Transform3D", i) for i in range(batch.num_rows)]
+        frames = [self._link(chunk.entity_path, values) for values in rows]
         if chunk.is_static:
-            self._static[chunk.entity_path] = rows[-1]
+            self._static.update(zip(frames, rows, strict=True))
             return
         for name in chunk.timeline_names:
-            times, known = self._moving.setdefault(chunk.entity_path, {}).setdefault(name, ([], []))
-            times.extend(batch.column(name).cast("int64").to_pylist())
-            known.extend(rows)
+            for frame, time, values in zip(frames, batch.column(name).cast("int64").to_pylist(), rows, strict=True):
+                times, known = self._moving.setdefault(frame, {}).setdefault(name, ([], []))
+                times.append(time)
+                known.append(values)
+
+    def _link(self, entity: str, values: dict[str, Any]) -> str:
+        """Return the frame that a Transform3D or Pinhole is of, and note the one it is in, which it keeps."""
+        child, parent = (str(values[f"{n}_frame"][0]) if values.get(f"{n}_frame") else "" for n in ("child", "parent"))
+        frame = child or _IMPLICIT + entity
+        self._parents.setdefault(frame, parent or _above(_IMPLICIT + entity) or (_IMPLICIT + "/" if child else ""))
+        return frame
+
+    def chain(self, entity: str) -> list[str]:
+        """Return the frames from an entity's up to the world's, both included.
+
+        Raises:
+            InputError: The frames go round in a circle.
+        """
+        found = [self._frames.get(entity, _IMPLICIT + entity)]
+        while above := self._parents.get(found[-1], _above(found[-1])):
+            if above in found:
+                raise InputError(f"{self.path}: expected frames as a tree, found a circle at frame {above!r}")
+            found.append(above)
+        return found
+
+    def shared(self, entity: str, other: str) -> tuple[int, int]:
+        """Return how many frames two entities have in common, and how many entities above them."""
+        one, two = self.chain(entity), self.chain(other)
+        return len({*one} & {*two}), len({*_upwards(entity)} & {*_upwards(other)})
 
     def has_pinhole(self, entity: str) -> bool:
-        """Return whether an entity, or one above it, has a Pinhole."""
-        return any(name in self._pinholes for name in _upwards(entity))
+        """Return whether an entity's frame, or one above it, has a Pinhole."""
+        return any(name in self._pinholes for name in self.chain(entity))
+
+    def _pinhole(self, entity: str) -> tuple[str, dict[str, Any]]:
+        """Return the Pinhole of an entity's frame, or the nearest one above it, and the name for it in errors."""
+        for name in self.chain(entity):
+            if name in self._pinholes:
+                found = self._pinholes[name]
+                best = max(found, key=lambda one: (len({*_upwards(one)} & {*_upwards(entity)}), one))
+                return f"{self.path}: {best}: Pinhole", found[best]
+        raise InputError(f"{self.path}: {entity}: expected a Pinhole there or above, found none")
 
     def lens(self, entity: str) -> Lens:
-        """Return the camera of an entity: its own Pinhole, or the nearest one above it."""
-        for name in _upwards(entity):
-            if name in self._pinholes:
-                values = self._pinholes[name]
-                where = f"{self.path}: {name}: Pinhole"
-                axes = [int(x) for x in np.ravel(values["camera_xyz"][0])] if values.get("camera_xyz") else RDF
-                if axes != RDF:
-                    raise InputError(f"{where}: expected camera axes right, down, forward (RDF), found {axes}")
-                if not values.get("resolution"):
-                    raise InputError(f"{where}: expected a resolution, found none")
-                K = np.array(values["image_from_camera"][0], dtype=np.float64).reshape(3, 3).T
-                width, height = (int(x) for x in values["resolution"][0])
-                return matrix_lens(where, width, height, K)
-        raise InputError(f"{self.path}: {entity}: expected a Pinhole there or above, found none")
+        """Return the camera of an entity."""
+        where, values = self._pinhole(entity)
+        if not values.get("resolution"):
+            raise InputError(f"{where}: expected a resolution, found none")
+        K = np.array(values["image_from_camera"][0], dtype=np.float64).reshape(3, 3).T
+        width, height = (int(x) for x in values["resolution"][0])
+        return matrix_lens(where, width, height, K)
+
+    def _axes(self, entity: str) -> NDArray:
+        """Return the rotation [4, 4] from OpenCV's camera axes to those that an entity's Pinhole names."""
+        where, values = self._pinhole(entity)
+        named = [int(x) for x in np.ravel(values["camera_xyz"][0])] if values.get("camera_xyz") else RDF
+        R = np.array([_AXES.get(axis, (0, 0, 0)) for axis in named], dtype=np.float64)
+        if R.shape != (3, 3) or np.linalg.det(R) != 1:
+            raise InputError(f"{where}: expected right-handed camera axes, as RDF (3, 2, 5) or RUB, found {named}")
+        return np.block([[R, np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]])
+
+    def timelines(self, entity: str) -> list[str]:
+        """Return the timelines over which the frames of an entity move, once for each frame."""
+        return [timeline for name in self.chain(entity) for timeline in self._moving.get(name, {})]
 
     def poses(self, entity: str, timeline: str, times: NDArray) -> tuple[NDArray, NDArray]:
         """Return T_world_camera [n, 4, 4], of the latest transforms as rerun shows it, and where they are known."""
-        T, known = np.repeat(np.eye(4)[None], len(times), axis=0), np.ones(len(times), dtype=bool)
-        moves = False
-        for name in _upwards(entity):
+        T, known = np.repeat(self._axes(entity)[None], len(times), axis=0), np.ones(len(times), dtype=bool)
+        moves, chain = False, self.chain(entity)
+        for name in chain:
             if timeline in self._moving.get(name, {}):
                 own, found = self._moving[name][timeline]
                 poses = np.stack([_transform(f"{self.path}: {name}", values) for values in found])
@@ -360,11 +425,17 @@ class _Contents:
                 latest = np.searchsorted(np.array(own)[order], times, side="right") - 1
                 T = poses[order[np.maximum(latest, 0)]] @ T
                 known, moves = known & (latest >= 0), True
+            elif name in self._moving and name not in self._static:
+                others = ", ".join(self._moving[name])
+                raise InputError(
+                    f"{self.path}: {name}: expected a Transform3D over {timeline!r}, found it over {others}"
+                )
             elif name in self._static:
                 T = _transform(f"{self.path}: {name}", self._static[name]) @ T
         if not moves:
             raise InputError(
-                f"{self.path}: {entity}: expected a Transform3D over {timeline!r} there or above, found none"
+                f"{self.path}: {entity}: expected a Transform3D over {timeline!r} there or above, found none "
+                f"among {', '.join(chain)}"
             )
         return T, known
 
@@ -394,31 +465,40 @@ def _transform(where: str, values: dict[str, Any]) -> NDArray:
     return np.linalg.inv(T) if values.get("relation") and values["relation"][0] == 2 else T
 
 
+def _above(frame: str) -> str:
+    """Return the frame of the entity above that whose own frame this is; "" for the world's and named ones."""
+    if not frame.startswith(_IMPLICIT) or frame == _IMPLICIT + "/":
+        return ""
+    return frame.rpartition("/")[0] if frame.count("/") > 1 else _IMPLICIT + "/"
+
+
 def _upwards(entity: str) -> list[str]:
     parts = entity.strip("/").split("/")
     return ["/" + "/".join(parts[:n]) for n in range(len(parts), -1, -1)]
 
 
 def _the_one(
-    path: Path, what: str, pictures: dict[Any, _Pictures], wanted: Callable[[_Pictures], bool], near: str = ""
+    path: Path,
+    what: str,
+    pictures: dict[Any, _Pictures],
+    wanted: Callable[[_Pictures], bool],
+    nearness: Callable[[_Pictures], Any] = lambda _: 0,
 ) -> _Pictures:
-    """Choose among the entities the one that shares the most of its path with another, then the first by name."""
-    found = [p for p in pictures.values() if wanted(p) and p.starts]
+    """Choose among the entities the nearest one, then the first by name."""
+    found = sorted((p for p in pictures.values() if wanted(p) and p.starts), key=lambda p: p.entity)
     if not found:
         others = ", ".join(sorted({entity for entity, _ in pictures}))
         raise InputError(f"{path}: expected a {what}, found {others or 'no picture'}")
-
-    def order(p: _Pictures) -> tuple[int, str]:
-        return -len(set(_upwards(p.entity)) & set(_upwards(near))), p.entity
-
-    return min(found, key=order)
+    return max(found, key=nearness)
 
 
-def _timeline(path: Path, depth: _Pictures, color: _Pictures) -> str:
+def _timeline(path: Path, depth: _Pictures, color: _Pictures, found: _Contents) -> str:
+    """Choose the timeline over which most of the depth's frames move, rather one of when pictures were taken."""
     shared = [name for name in depth.times if name in color.times]
     if not shared:
         raise InputError(f"{path}: expected a timeline of {depth.entity} and {color.entity}, found none they share")
-    return min(shared, key=lambda name: (name in _TIMELINES_LAST, name))
+    moving = found.timelines(depth.entity)
+    return min(shared, key=lambda n: (-moving.count(n), _LOGGED.index(n) + 1 if n in _LOGGED else 0, n))
 
 
 def _format(values: dict[str, Any]) -> dict[str, Any]:

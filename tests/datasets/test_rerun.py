@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 import rerun as rr
-from scans import FRAMES, camera, look, map_pose, steps
+from scans import FRAMES, Y_UP, camera, look, map_pose, steps
 from scans_bags import rvl
 from scans_rerun import rerun_rrd
 
@@ -48,3 +48,50 @@ def test_encoded_depth_that_is_none(tmp_path: Path) -> None:
     sample = rerun_rrd(tmp_path, lambda d: rr.EncodedDepthImage(blob=png((d >> 8).astype(np.uint8)), meter=1000.0))
     with pytest.raises(InputError, match=r"EncodedDepthImage: expected a PNG of one channel of 16 bits, found uint8"):
         open_sequence(sample.path)
+
+
+def expect_frames(sequence: PosedFrames) -> None:
+    expect_depth(sequence)
+    assert sequence.notes == ()
+    np.testing.assert_allclose(sequence.intrinsics.matrix(), camera().matrix(), rtol=1e-6)
+    np.testing.assert_allclose(sequence.poses, [Y_UP.pose(i) for i in range(FRAMES)], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("axes", "R"),
+    [
+        (rr.ViewCoordinates.RUB, [[1, 0, 0], [0, -1, 0], [0, 0, -1]]),
+        (rr.ViewCoordinates.FLU, [[0, 0, 1], [-1, 0, 0], [0, -1, 0]]),
+    ],
+)
+def test_camera_axes_are_turned_into_opencv_s(tmp_path: Path, axes: object, R: list[list[int]]) -> None:
+    T = np.eye(4)
+    T[:3, :3] = R
+    expect_frames(open_sequence(rerun_rrd(tmp_path, axes=axes, T_axes=T).path))
+
+
+def test_left_handed_camera_axes_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"depth: Pinhole: expected right-handed .*, found \[3, 1, 5\]"):
+        open_sequence(rerun_rrd(tmp_path, axes=rr.ViewCoordinates.RUF).path)
+
+
+def test_named_frames(tmp_path: Path) -> None:
+    """As rerun's importer of MCAP and its ROS example log them; both cameras are of one frame, but not of one size."""
+    expect_frames(open_sequence(rerun_rrd(tmp_path, named=True).path))
+
+
+def test_the_timeline_is_one_over_which_all_moves(tmp_path: Path) -> None:
+    expect_frames(open_sequence(rerun_rrd(tmp_path, uptime=True).path))
+
+
+def test_frames_in_a_circle(tmp_path: Path) -> None:
+    path = tmp_path / "circle.rrd"
+    stream = rr.RecordingStream("circle", send_properties=False)
+    stream.save(path)
+    for parent, child in (("a", "b"), ("b", "a")):
+        stream.log(f"/{child}", rr.Transform3D(translation=[1, 0, 0], parent_frame=parent, child_frame=child))
+    stream.log("/depth", rr.CoordinateFrame("a"), static=True)
+    stream.log("/depth", rr.DepthImage(np.ones((4, 4), np.uint16)))
+    stream.disconnect()
+    with pytest.raises(InputError, match="expected frames as a tree, found a circle at frame 'a'"):
+        open_sequence(path)

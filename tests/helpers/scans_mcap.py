@@ -154,7 +154,7 @@ def foxglove(kind: str, picture: str = "png") -> list[Message]:
 
 def foxglove_mcap(folder: Path) -> Sample:
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "drive.mcap").write_bytes(mcap(foxglove("protobuf"), "zstd"))
+    (folder / "drive.mcap").write_bytes(mcap(foxglove("protobuf", "webp"), "zstd"))
     return Sample(folder / "drive.mcap", reference_of(folder / "reference", camera(), Z_UP))
 
 
