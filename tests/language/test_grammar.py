@@ -60,6 +60,7 @@ def test_a_chart_keeps_the_likeliest_readings_of_a_pattern() -> None:
         ("what is on the couch?", 'tell(on(things("anything"), "couch"), "what")'),
         ("which table is the largest?", 'tell(first(order(things("dining table"), "large")), "which")'),
         ("is the couch bigger than the plant?", 'tell(things("couch"), "compare", "potted plant", "large")'),
+        ("how much taller is the couch than the plant?", 'tell(things("couch"), "compare", "potted plant", "tall")'),
         ("how far is the couch from the plant?", 'tell(things("couch"), "distance", "potted plant")'),
         ("are there more chairs than tables?",
          'tell(count(things("chair")) > count(things("dining table")), "whether")'),
