@@ -545,6 +545,10 @@ def of_level(recording: Recording, level: Level | None) -> list[Finding]:
     return []
 
 
+SPARSE, POINTS = 0.25, 0.02
+"""Shares of measured pixels: with fewer, neighbours see few surfaces in common; with still fewer, they are points."""
+
+
 def of_what_is_left(
     recording: Recording, views: Views, pairs: NDArray, reading: Reading, after: Agreement
 ) -> list[Finding]:
@@ -557,6 +561,11 @@ def of_what_is_left(
     found = []
     if after.share < DOUBTFUL:
         severity = "error" if after.share < DISAGREE else "warning"
+        measured = np.count_nonzero(views.steps) / views.steps.size
+        if measured < SPARSE:
+            few = f"Only {100 * measured:.1f} % of the pixels have depth, too few to compare frames by"
+            points = "; points of a reconstruction make no map" if measured < POINTS else ", as with a LiDAR's depth"
+            return [Finding("unjudged", "error" if measured < POINTS else "warning", f"{few}{points}.")]
         text = (
             f"Neighbouring frames agree on only {after.percent()} % of what both see, and no known mistake explains "
             "it. Are poses of these images, is depth registered to colour, is the camera matrix of this camera?"

@@ -24,6 +24,7 @@ from simaps_viz.datasets.manifest import Manifest, read_manifest
 from simaps_viz.datasets.open import reader_of
 from simaps_viz.datasets.posed_frames import READER as POSED_FRAMES
 from simaps_viz.datasets.recording import Recording as SourceRecording
+from simaps_viz.datasets.recording import first_readable
 from simaps_viz.errors import InputError
 from simaps_viz.events import Progress
 
@@ -189,6 +190,10 @@ class Recording:
         return len(self.names)
 
 
+FEWEST_STEPS = 500
+"""That far away is the median of a recording's depth at least, so that nothing is lost by rounding."""
+
+
 def open_recording(path: Path) -> Recording:
     """Open a sequence of any format; of posed-frames/1 the numbers are taken as they are, without judging them.
 
@@ -206,7 +211,9 @@ def as_recording(source: SourceRecording) -> Recording:
     """Return what a reader has opened, as the check wants it; depth in metres becomes steps of a millimetre or less."""
     k = source.intrinsics
     stated_m = source.depth_unit_m or source.facts.depth_unit_m
-    unit_m = min(stated_m, 0.001)
+    depth_m = first_readable(source.depth, len(source.frame_names))
+    median_m = float(np.median(depth_m[depth_m > 0])) if (depth_m > 0).any() else 1.0
+    unit_m = min(stated_m, 0.001, median_m / FEWEST_STEPS)  # of a wrong unit the steps are too coarse, too
     size = (k.width, k.height)
 
     def depth_steps(index: int) -> NDArray:

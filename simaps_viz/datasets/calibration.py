@@ -167,6 +167,12 @@ def matrix4(path: Path) -> NDArray:
     return numbers(str(path), found).reshape(4, 4)
 
 
+def nearest_rotation(matrix: NDArray) -> NDArray:
+    """Return the rotation that is nearest to a matrix [3, 3] of positive determinant (singular value decomposition)."""
+    u, _, vt = np.linalg.svd(matrix)
+    return np.asarray(u @ vt)
+
+
 def rigid(where: str, matrix: ArrayLike) -> NDArray:
     """Check that a [4, 4] matrix moves without stretching, and square its rotation up.
 
@@ -184,8 +190,7 @@ def rigid(where: str, matrix: ArrayLike) -> NDArray:
         raise InputError(f"{where}: expected 0 0 0 1 as the last row, found {found}")
     check_rotation(T[:3, :3], where)
     if np.abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)).max() > 1e-12:
-        u, _, vt = np.linalg.svd(T[:3, :3])
-        T[:3, :3] = u @ vt
+        T[:3, :3] = nearest_rotation(T[:3, :3])
     T[3] = (0, 0, 0, 1)
     return T
 

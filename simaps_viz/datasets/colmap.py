@@ -4,6 +4,7 @@ COLMAP's world has any scale. The points it found are in a sensor's depth images
 them is the scale, by which poses become metres. COLMAP's own depth maps have its world's unit, and so no scale.
 """
 
+import os
 import re
 import struct
 from dataclasses import dataclass
@@ -102,7 +103,12 @@ def _open(path: Path) -> Recording:
         path,
         frame_names=names_of([Path(p.name) for p, _, _ in kept]),
         poses=poses,
-        notes=(note, *left_out(len(pictures) - len(kept), len(pictures), "pictures have no depth or are missing")),
+        notes=(
+            *_parts(path, model),
+            note,
+            *left_out(len(pictures) - len(kept), len(pictures), "pictures have no depth or are missing"),
+            *_rough(depth_files),
+        ),
     )
 
 
@@ -110,8 +116,31 @@ READER = Reader(FACTS, _recognise, _open)
 
 
 def _model(path: Path) -> Path | None:
-    folders = (path / "sparse" / "0", path / "sparse", path / "colmap" / "sparse" / "0")
-    return next((f for f in folders for end in ("bin", "txt") if (f / f"images.{end}").is_file()), None)
+    """Return the folder of the reconstruction; of several, which do not know of one another, the largest."""
+    for folders in (_numbered(path / "sparse"), [path / "sparse"], _numbered(path / "colmap" / "sparse")):
+        found = [file for f in folders for end in ("bin", "txt") if (file := f / f"images.{end}").is_file()]
+        if found:
+            return max(found, key=os.path.getsize).parent
+    return None
+
+
+def _numbered(sparse: Path) -> list[Path]:
+    return sorted((f for f in sparse.glob("*") if f.name.isdecimal()), key=lambda f: int(f.name))
+
+
+def _rough(depth_files: list[Path]) -> tuple[str, ...]:
+    """Return the note that some depth maps are COLMAP's first guess, which no other picture had to agree with."""
+    rough = sum(file.name.endswith(_ENDS[-1]) for file in depth_files)
+    return (f"{rough} of {len(depth_files)} frames have only a photometric depth map, which is rough",) * bool(rough)
+
+
+def _parts(path: Path, model: Path) -> tuple[str, ...]:
+    """Return the note that pictures fell into several reconstructions, of which one is read."""
+    others = [f.name for f in _numbered(model.parent) if f != model and list(f.glob("images.*"))]
+    read, count = model.relative_to(path).as_posix(), len(others) + 1
+    return (f"of {count} reconstructions, which share no frame of reference, the largest is read: {read}",) * bool(
+        others
+    )
 
 
 def _depths(path: Path) -> Path | None:

@@ -214,8 +214,9 @@ def check_size(where: object, image: NDArray, camera: Intrinsics) -> None:
 
 
 def numbered(folder: Path, pattern: str) -> list[Path]:
-    """Return the files of a folder, sorted by the last number in their names (9 before 10)."""
-    return sorted(folder.glob(pattern), key=lambda path: (number_of(path), path.name))
+    """Return the files of a folder, sorted by the last number in their names (9 before 10), but for a Mac's "._"."""
+    files = (file for file in folder.glob(pattern) if not file.name.startswith("._"))
+    return sorted(files, key=lambda path: (number_of(path), path.name))
 
 
 def number_of(path: Path) -> float:

@@ -4,6 +4,7 @@ instant-ngp calls depth ``depth_path`` and its unit ``integer_depth_scale``, lea
 give a camera by ``camera_angle_x`` alone. NeRFCapture writes that.
 """
 
+from collections.abc import Sequence
 from functools import partial
 from io import BytesIO
 from pathlib import Path
@@ -29,7 +30,7 @@ from simaps_viz.datasets.file_frames import (
 from simaps_viz.datasets.images import image_size
 from simaps_viz.datasets.manifest import read_json, shown
 from simaps_viz.datasets.record3d import read_exr
-from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, left_out
+from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, first_readable, left_out
 from simaps_viz.errors import InputError
 from simaps_viz.io.limits import MAX_IMAGE_BYTES, check_picture, read_bytes
 
@@ -46,6 +47,9 @@ PIXEL_CENTRE = 0.5
 UNITS = ("depth_unit_scale_factor", "integer_depth_scale", "depth_integer_scale")
 """Keys of the depth images' unit, metres: nerfstudio's, instant-ngp's, and the one NeRFCapture writes for it."""
 PICTURES = (".png", ".jpg", ".jpeg", ".PNG", ".JPG")
+FLOATS = (".npy", ".exr", ".tif", ".tiff")
+NEAREST_M, FARTHEST_M = 0.15, 30.0
+"""The median depth of a room lies between these."""
 FISHEYE = "OPENCV_FISHEYE"
 PINHOLES = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
 
@@ -83,8 +87,7 @@ def _open(path: Path) -> Recording:
     )
     color_files, depth_files = matched.of_each(*images.values())
     with_depth, frames = len(frames), [poses[name] for name in matched.frames]
-    unit = next((key for key in UNITS if content.get(key) is not None), UNITS[0])
-    unit_m = json_number(str(file), {unit: FACTS.depth_unit_m} | content, unit)
+    unit_m, note = _unit(file, content, depth_files)
     lenses = [_lens(_place(file, frame), frame, color_files[i], fisheye=fisheye) for i, frame in enumerate(frames)]
     files = FileFrames.of_one_view(color_files, depth_files, lenses, lambda p: _read_depth(p, unit_m))
     return files.recording(
@@ -92,8 +95,8 @@ def _open(path: Path) -> Recording:
         path,
         name=file.resolve().parent.name,
         frame_names=names_of([Path(frame["file_path"]) for frame in frames]),
-        depth_unit_m=unit_m if depth_files[0].suffix != ".npy" else None,
-        **matched.members(first=left_out(stated - with_depth, stated, "frames have no depth")),
+        depth_unit_m=unit_m if depth_files[0].suffix != ".npy" and unit_m < 1.0 else None,
+        **matched.members(first=(*note, *left_out(stated - with_depth, stated, "frames have no depth"))),
     )
 
 
@@ -155,6 +158,25 @@ def _pose(where: str, frame: dict[str, Any]) -> NDArray:
             f"{where}: transform_matrix: expected 4x4 numbers, found {shown(frame.get('transform_matrix'))}"
         )
     return matrix @ OPENCV_FROM_OPENGL
+
+
+def _unit(file: Path, content: dict[str, Any], depth_files: Sequence[Path]) -> tuple[float, tuple[str, ...]]:
+    """Return the metres that a stored 1 means, and a note where that is told by the numbers.
+
+    nerfstudio itself is told by a flag. Floats may be metres, which read as millimetres would lie on the lens.
+    """
+    stated = next((key for key in UNITS if content.get(key) is not None), None)
+    if stated is not None:
+        return json_number(str(file), content, stated), ()
+    if depth_files[0].suffix.lower() in FLOATS:
+        depth = first_readable(lambda i: _read_depth(depth_files[i], 1.0), len(depth_files))
+        median = float(np.median(depth[depth > 0])) if (depth > 0).any() else 0.0
+        if NEAREST_M < median < FARTHEST_M and median * FACTS.depth_unit_m < NEAREST_M:
+            return 1.0, (
+                f"depth is taken as metres: {file.name} states no {UNITS[0]}, and as millimetres what "
+                f"{depth_files[0].name} shows would be {median:.2g} mm away",
+            )
+    return FACTS.depth_unit_m, ()
 
 
 def _read_depth(path: Path, unit_m: float) -> NDArray:

@@ -140,6 +140,8 @@ CONVERTIBLE = {
     " INPUT OUTPUT` makes without `--format taichi` (nerfstudio's transforms.json, with depth) is read",
 }
 """{files: what a folder that has them is, and what makes one of it that is read}."""
+NO_PICTURE = re.compile(r"(?<![a-z])conf|mask|label|semantic|instance|normal|thumb|(?:^|/)\._")
+"""In the names of what else is stored as pictures."""
 _IMAGES = (".png", ".pgm", ".jpg", ".jpeg")
 _NUMBER = re.compile(r"\d+(?:\.\d+)?(?=\D*$)")
 """The last number in a file's name, which may be a time."""
@@ -163,6 +165,7 @@ def manifest_for(path: Path) -> str:
     """Return a manifest (JSON) for the pictures in a folder, as far as their names tell."""
     files = (file for _, file in zip(range(MAX_SEARCHED), path.rglob("*"), strict=False))
     pictures = [file.relative_to(path) for file in files if file.suffix.lower() in _IMAGES]
+    pictures = [picture for picture in pictures if not NO_PICTURE.search(picture.as_posix().lower())]
     is_depth = ["depth" in picture.as_posix().lower() for picture in pictures]
     depth = _pattern([p for p, d in zip(pictures, is_depth, strict=True) if d and p.suffix.lower() in _IMAGES[:2]])
     color = _pattern([p for p, d in zip(pictures, is_depth, strict=True) if not d])

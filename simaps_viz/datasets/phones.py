@@ -25,7 +25,16 @@ from simaps_viz.datasets.calibration import (
     numbers,
     pinhole,
 )
-from simaps_viz.datasets.file_frames import FileFrames, by_stem, depth_png, json_number, number_of, numbered
+from simaps_viz.datasets.file_frames import (
+    FileFrames,
+    by_stem,
+    depth_npy,
+    depth_png,
+    json_number,
+    number_of,
+    numbered,
+)
+from simaps_viz.datasets.images import image_size
 from simaps_viz.datasets.manifest import read_json
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, left_out
 from simaps_viz.errors import InputError
@@ -133,7 +142,7 @@ def _open_polycam(path: Path) -> Recording:
     camera_files = numbered(cameras, "*.json")
     if not camera_files:
         raise InputError(f"{cameras}: expected *.json, found none")
-    plain = {file.stem for file in (folder / "cameras").glob("*.json")}
+    plain = {file.stem for file in numbered(folder / "cameras", "*.json")}
     uncorrected = plain - {file.stem for file in camera_files}
     depth = by_stem(numbered(folder / "depth", "*.png"))
     with_depth = {file.stem: file for file in camera_files if file.stem in depth}
@@ -144,7 +153,7 @@ def _open_polycam(path: Path) -> Recording:
 
     def read_camera(file: Path) -> NDArray:
         content = read_json(file)
-        cameras_of[file.stem] = _polycam_lens(str(file), content)
+        cameras_of[file.stem] = _polycam_lens(str(file), content, color.get(file.stem))
         return _polycam_pose(str(file), content)
 
     matched = match_frames(folder, {"picture": color}, with_depth, read_camera)
@@ -171,10 +180,13 @@ def _polycam_folder(path: Path) -> Path:
     return path / "keyframes" if (path / "keyframes").is_dir() else path
 
 
-def _polycam_lens(where: str, content: object) -> Lens:
-    fx, fy, cx, cy, width, height = (
-        json_number(where, content, key) for key in ("fx", "fy", "cx", "cy", "width", "height")
-    )
+def _polycam_lens(where: str, content: object, picture: Path | None) -> Lens:
+    fx, fy, cx, cy = (json_number(where, content, key) for key in ("fx", "fy", "cx", "cy"))
+    stated = isinstance(content, dict) and "width" in content  # newer corrected cameras have no size
+    if stated or picture is None:
+        width, height = (json_number(where, content, key) for key in ("width", "height"))
+    else:
+        width, height = image_size(picture)
     return Lens(pinhole(where, int(width), int(height), fx, fy, cx, cy))
 
 
@@ -188,7 +200,8 @@ def _polycam_pose(where: str, content: object) -> NDArray:
 
 STRAY = FormatFacts(
     title="Stray Scanner",
-    recognised_by="`odometry.csv`, `camera_matrix.csv`, `rgb.mp4`, `depth/*.png`",
+    recognised_by="`odometry.csv`, `camera_matrix.csv`, `rgb.mp4`, `depth/*.png` or `depth/*.npy`",
+    depth="16-bit PNG, or `.npy` (metres; before 2022)",
     pose="camera to world: frame, position, quaternion x y z w",
     up=(0.0, 1.0, 0.0),
 )
@@ -208,7 +221,9 @@ def _open_stray(path: Path) -> Recording:
     table = path / "odometry.csv"
     rows, damaged = _rows(table)
     video = Video(path / "rgb.mp4")
-    files = [path / "depth" / f"{int(row['frame']):06d}.png" for _, row in rows]
+    names = [path / "depth" / f"{int(row['frame']):06d}" for _, row in rows]
+    arrays = [name.with_suffix(".npy") for name in names]
+    files = [array if array.is_file() else name.with_suffix(".png") for name, array in zip(names, arrays, strict=True)]
     kept = [
         i
         for i, (_, row) in enumerate(rows)
@@ -222,7 +237,11 @@ def _open_stray(path: Path) -> Recording:
     default = camera_matrix(path / "camera_matrix.csv", commas=True)
     lenses = [_stray_lens(rows[i][0], rows[i][1], default, video) for i in kept]
     pictures, depths = [int(rows[i][1]["frame"]) for i in kept], [files[i] for i in kept]
-    read = depth_png(STRAY.depth_unit_m)
+    images, in_metres = depth_png(STRAY.depth_unit_m), depth_npy()
+
+    def read(file: Path) -> NDArray:
+        return in_metres(file) if file.suffix == ".npy" else images(file)
+
     return FileFrames.of_one_view(pictures, depths, lenses, read, read_color=video.read).recording(
         STRAY,
         path,

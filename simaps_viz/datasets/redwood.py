@@ -67,7 +67,9 @@ def _colors(path: Path) -> Path | None:
 
 
 def _log(path: Path) -> Path | None:
-    others = sorted(file for file in path.glob("*.log") if "odometry" not in file.name)
+    others = sorted(file for file in path.glob("*.log") if "odometry" not in file.name) + sorted(
+        path.glob("*-traj.txt")
+    )
     return next((file for file in (*(path / name for name in LOGS), *others) if file.is_file()), None)
 
 

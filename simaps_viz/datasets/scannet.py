@@ -39,6 +39,10 @@ EXTRACTED = FormatFacts(
 )
 
 
+RECORDED, OFF_MIDDLE = (1296, 968), 0.05
+"""Size of ScanNet's colour as recorded, and how far a principal point may be off the middle, as a share."""
+
+
 def _is_extracted(path: Path) -> bool:
     return _camera_file(_frames_folder(path), "depth").is_file()
 
@@ -55,14 +59,14 @@ def _open_extracted(path: Path) -> Recording:
     read = depth_png(EXTRACTED.depth_unit_m)
     height, width = first_readable(lambda i: read(depth_files[i]), len(names)).shape
     depth_lens = _lens(_camera_file(folder, "depth"), width, height)
-    color_lens = _lens(_camera_file(folder, "color"), *first_size(color_files))
+    color_lens, note = _color_lens(_camera_file(folder, "color"), *first_size(color_files))
     files = FileFrames(color_files, depth_files, [color_lens], [depth_lens], read)
     return files.recording(
         EXTRACTED,
         path,
         frame_names=names,
         segments=_segments(path, folder, names, color_lens, depth_lens.intrinsics),
-        **matched.members(),
+        **matched.members(first=note),
     )
 
 
@@ -81,6 +85,17 @@ def _camera_file(folder: Path, which: str) -> Path:
 
 def _lens(path: Path, width: int, height: int) -> Lens:
     return matrix_lens(str(path), width, height, matrix4(path))
+
+
+def _color_lens(path: Path, width: int, height: int) -> tuple[Lens, tuple[str, ...]]:
+    """Return the colour camera, and a note where it is scaled: ScanNet's own exporter may shrink the pictures alone."""
+    matrix = matrix4(path)
+    middles = 2.0 * matrix[0, 2], 2.0 * matrix[1, 2]
+    recorded = all(abs(m / size - 1.0) < OFF_MIDDLE for m, size in zip(middles, RECORDED, strict=True))
+    if not recorded or abs(middles[0] / width - 1.0) < 2.0 * OFF_MIDDLE:
+        return matrix_lens(str(path), width, height, matrix), ()
+    sizes = f"pictures of {width}x{height} pixels, {path.name} is of {RECORDED[0]}x{RECORDED[1]}"
+    return matrix_lens(str(path), *RECORDED, matrix).scaled(width, height), (f"{sizes}: scaled",)
 
 
 def _segments(
@@ -200,8 +215,9 @@ def _open_sens(path: Path) -> Recording:
     files = FileFrames(
         stored(": colour", color), stored("", depth), [header.color], [header.depth], operator.call, operator.call
     )
+    anywhere = np.allclose(entries[0].T_world_camera, np.eye(4), atol=1e-4)  # BundleFusion's; ScanNet's are levelled
     return files.recording(
-        SENS,
+        replace(SENS, up=None) if anywhere else SENS,
         path,
         name=path.stem,
         frame_names=tuple(str(i) for i in matched.frames),

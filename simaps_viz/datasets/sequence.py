@@ -48,7 +48,9 @@ class PosedFrames:
         self.name: str = recording.name
         self.path: Path = recording.path
         self.simulated: bool = recording.simulated
-        self.notes: tuple[str, ...] = (*recording.notes, *recording.faults)
+        same = len(recording.poses) > 1 and bool((recording.poses == recording.poses[0]).all())
+        still = f"all {len(recording.poses)} poses are the same: the camera stood still, or none were recorded"
+        self.notes: tuple[str, ...] = (*recording.notes, *recording.faults, *[still] * same)
         """What of the recording was left out, and what of up and the floor had to be taken from elsewhere, in words."""
         self.frame_names: tuple[str, ...] = recording.frame_names
         self.poses: NDArray = recording.poses

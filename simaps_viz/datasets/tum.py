@@ -23,6 +23,7 @@ from simaps_viz.datasets.association import interpolate_poses, match_frames, pos
 from simaps_viz.datasets.calibration import (
     Lens,
     from_quaternion,
+    nearest_rotation,
     number_rows,
     numbers,
     pinhole,
@@ -64,11 +65,26 @@ MATRICES = ("intrinsics.txt", "intrinsic.txt", "K.txt")
 LISTS = ("associations.txt", "*assoc*.txt", "rgb-depth*.txt")
 """Names that people give what associate.py prints; the first that is there counts."""
 TRAJECTORIES = ("groundtruth.txt", "CameraTrajectory.txt", "KeyFrameTrajectory.txt", "trajectory.txt")
+NANOSECONDS = 1e11
+"""Times from there on are no seconds: ORB-SLAM3 saves nanoseconds as EuRoC has them."""
 FEW_LINES = 20
 """Lines by which a trajectory of another name is known."""
 COLOR_TOLERANCE_S = 0.02
 """Colour farther than this from a depth image is not its colour."""
 MAX_POSE_GAP_S = 0.2
+
+
+BONN = "rgbd_bonn"
+BONN_WORLD = np.array([[-1.0, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+BONN_CAMERA = np.array(
+    [[1.0157, 0.1828, -0.2389, 0.0113], [0.0009, -0.8431, -0.6413, -0.0098], [-0.3009, 0.6147, -0.8085, 0.0111]]
+)
+BONN_CAMERA = np.vstack([np.column_stack([nearest_rotation(BONN_CAMERA[:, :3]), BONN_CAMERA[:, 3]]), (0, 0, 0, 1)])
+"""From the motion capture's axes to its world's, and from the camera to the markers, as Bonn's page has them.
+
+The latter also scales by 1.059 there, which poses do not need.
+"""
+BONN_NOTE = "poses are of markers on the camera, as Bonn records them: they are carried over to the camera"
 
 
 def _is_tum(path: Path) -> bool:
@@ -80,6 +96,8 @@ def _open_tum(path: Path) -> Recording:
     color_files, depth_files, poses, notes, missing = _by_two_lists(path, trajectory)
     readable = first_readable(lambda i: image_size(color_files[i]) and color_files[i], len(color_files))
     lens, unit_m, _ = camera_of(path, readable, by_folder=True)
+    if BONN in _head(path / "rgb.txt") or BONN in path.resolve().name.lower():
+        poses, notes = BONN_WORLD @ poses @ BONN_WORLD @ BONN_CAMERA, (*notes, BONN_NOTE)
     return FileFrames(color_files, depth_files, [lens], [lens], depth_png(unit_m)).recording(
         TUM,
         path,
@@ -201,7 +219,8 @@ def _numbered_pose(where: str, values: NDArray) -> NDArray:
 
 
 def _trajectory(path: Path) -> tuple[tuple[NDArray, NDArray], tuple[str, ...]]:
-    return read_trajectory(path, 8, lambda where, row: from_quaternion(where, row[1:4], row[4:]))
+    (times, poses), lost = read_trajectory(path, 8, lambda where, row: from_quaternion(where, row[1:4], row[4:]))
+    return (times * 1e-9 if times[0] > NANOSECONDS else times, poses), lost
 
 
 def _by_two_lists(
@@ -301,7 +320,7 @@ CAMERAS: dict[str, tuple[float, ...]] = {
     "freiburg1": (517.3, 516.5, 318.6, 255.3, 0.2624, -0.9531, -0.0054, 0.0026, 1.1633),
     "freiburg2": (520.9, 521.0, 325.1, 249.7, 0.2312, -0.7849, -0.0033, -0.0001, 0.9172),
     "freiburg3": (535.4, 539.2, 320.1, 247.6),
-    "rgbd_bonn": (542.822841, 542.576870, 315.593520, 237.756098, 0.039903, -0.099343, -0.000730, -0.000144, 0.0),
+    BONN: (542.822841, 542.576870, 315.593520, 237.756098, 0.039903, -0.099343, -0.000730, -0.000144, 0.0),
 }
 """fx, fy, cx, cy, then k1, k2, p1, p2, k3, as the pages of TUM's and Bonn's datasets give them."""
 CALIBRATED_SIZE = (640, 480)

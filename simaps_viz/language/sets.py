@@ -165,7 +165,7 @@ class Sets(Grounding):
         """
         self.look(sum(len(value) for value in arguments.values() if isinstance(value, Things)) + 1)
         if function.name in _BY_ANCHOR:
-            arguments = {name: value if name == "S" else self._surer(value) for name, value in arguments.items()}
+            arguments = {name: value if name == "S" else self.surer(value) for name, value in arguments.items()}
         if function.name in ("distance", "size"):
             self.counted.clear()
         found = getattr(self, f"_{function.name}")(**arguments)
@@ -189,7 +189,7 @@ class Sets(Grounding):
             if isinstance(one, Instance):
                 self.anchors[one.id] = None
 
-    def _surer(self, value: Any) -> Any:
+    def surer(self, value: Any) -> Any:
         """Return the nearest that is neither doubtful nor behind a wall instead of one that is, and note that."""
         if not isinstance(value, Things) or not value.surer:
             return value
@@ -962,10 +962,8 @@ class Sets(Grounding):
         found = self.set_of(S)
         if key in ("near", "far"):
             found, score = self._by_gap(found, of, -1.0 if key == "far" else 1.0)
-            if self._point_of(of) is not None or found.after or self.room_of(of) is not None:
-                return self._sorted_by(found, score, key)
-            after = f"{SAID['most'][key]} {'from' if key == 'far' else 'to'} {self.set_of(of).the}"
-            return replace(self._sorted_by(found, score, key), most="", after=after)
+            near, after = self._sorted_by(found, score, key), self._near_words(found, key, of)
+            return replace(near, most="", after=after) if after else near
         if key in ("apart", "together"):
             return replace(found, items=tuple(self._paired(list(found.items), key)), most=SAID["most"][key])
         if key in ("many", "few"):
@@ -982,6 +980,17 @@ class Sets(Grounding):
             words = "" if is_said else f"with the {'most' if key == 'many' else 'fewest'} {counted}"
             return replace(ordered, after=f"{found.after} {words}".strip())
         return self._sorted_by(found, self._scores(found.items, key, of), key)
+
+    def _near_words(self, found: Things, key: str, of: Any) -> str:
+        """Say what things are nearest to: "nearest to the lamp", and after what says that already "nearest to it"."""
+        if self._point_of(of) is not None or self.room_of(of) is not None:
+            return ""
+        others = self.set_of(of)
+        told = bool(found.after and others.items) and found.after.endswith(others.the)
+        if found.after and not told:
+            return ""
+        the = others.the if not told else "them" if len(others) > 1 else "it"
+        return f"{found.after} {SAID['most'][key]} {'from' if key == 'far' else 'to'} {the}".strip()
 
     def _sorted_by(self, found: Things, score: Sequence[float] | NDArray, key: str) -> Things:
         """Return a set in the order of a score, with the levels at which the map can tell one from another.

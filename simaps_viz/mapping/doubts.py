@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simaps_viz.colors.classes import plural
-from simaps_viz.mapping.explain import needed_text, score_text
+from simaps_viz.mapping.explain import between, needed_text, score_text
 from simaps_viz.mapping.in_space import has_voxels
 from simaps_viz.mapping.method import percent_text
 from simaps_viz.mapping.partition import applied_steps, owner_of_community
@@ -28,6 +28,8 @@ MIN_SHARE = 0.15
 """A part with a smaller share of the object makes no two of it."""
 HALF_CELLS = 30
 """An error of so small an object counts half as much as one of a very large one."""
+MOST_ASKED = 60
+"""Pairs of two objects at most of which it is asked how near they are."""
 LEAST = 0.1
 """What is less doubtful is not listed."""
 
@@ -72,10 +74,24 @@ def doubts(simap: SIMap, but: Collection[int] = ()) -> tuple[Doubt, ...]:
             text = f"Its surface spans {long_m:.1f} × {wide_m:.1f} m, but it has {plural(one.cells, 'cell')} only."
             about.append((0.8 * (1.0 - share / THIN), "few cells for its size", f"{text} It may be a part, or none."))
         about += _shared_places(one, names)
-    # How near it is to being two, or one with another.
+    _note_margins(simap, found, names)
+    listed = []
+    for number, about in found.items():
+        why = sorted((one for one in about if one[0] >= LEAST), key=lambda one: -one[0])
+        if why and number in names and number not in but:
+            large = names[number].cells / (names[number].cells + HALF_CELLS)
+            weight = large * (1.0 - float(np.prod([1.0 - weight for weight, _, _ in why])))
+            listed.append(Doubt(names[number], weight, why[0][1], tuple(text for _, _, text in why)))
+    return tuple(sorted(listed, key=lambda doubt: (-doubt.weight, doubt.instance.id)))
+
+
+def _note_margins(simap: SIMap, found: dict[int, list[tuple[float, str, str]]], names: Mapping[int, Instance]) -> None:
+    """Add to what is found how near objects are to being two, or one with another."""
     log, threshold = simap.merges, joining_threshold(simap.method, simap.parameters)
     applied, owner = applied_steps(log, threshold), owner_of_community(simap)
     cells = np.bincount(simap.community.reshape(-1), minlength=len(owner)).astype(np.int64)
+    meets = {}  # of a community that others joined beyond the threshold: all objects that would be one
+    asked = 0
     for at, (source, target) in enumerate(zip(log.source.tolist(), log.target.tolist(), strict=True)):
         one, other = names.get(int(owner[source])), names.get(int(owner[target]))
         doubt = 0.7 * (1.0 - abs(float(log.score[at]) - threshold) / SLIM)
@@ -87,21 +103,31 @@ def doubts(simap: SIMap, but: Collection[int] = ()) -> tuple[Doubt, ...]:
                 text = f"Two parts of it, {parts[0]} and {parts[1]} cells, were joined by a slim margin: {said}."
                 found[one.id].append((doubt, "hardly joined, may be two", f"{text} It may be two."))
             cells[target] += cells[source]
-        elif one is not None and other is not None and one.id != other.id:
-            this, that = sorted((one, other), key=lambda side: (-side.cells, side.id))  # said once, of the larger
-            # The log's score is of the parts they were then; how near the two are now, Why says.
-            text = f"It was nearly joined with {that.name}. The two may be one."
-            reason = doubt, f"nearly one with {that.name}", text
-            if doubt > max((near for near, brief, _ in found[this.id] if brief == reason[1]), default=LEAST):
-                found[this.id] = [*(about for about in found[this.id] if about[1] != reason[1]), reason]
-    listed = []
-    for number, about in found.items():
-        why = sorted((one for one in about if one[0] >= LEAST), key=lambda one: -one[0])
-        if why and number in names and number not in but:
-            large = names[number].cells / (names[number].cells + HALF_CELLS)
-            weight = large * (1.0 - float(np.prod([1.0 - weight for weight, _, _ in why])))
-            listed.append(Doubt(names[number], weight, why[0][1], tuple(text for _, _, text in why)))
-    return tuple(sorted(listed, key=lambda doubt: (-doubt.weight, doubt.instance.id)))
+        elif one is not None and other is not None:
+            ours, theirs = meets.get(source, {one.id}), meets.get(target, {other.id})
+            meets[target] = ours | theirs
+            near = {} if ours & theirs or doubt <= LEAST else {(one.id, other.id): doubt}
+            if near and len(ours) + len(theirs) > 2:  # the score is of all of them together: ask which two are as near
+                asked += len(ours) * len(theirs)
+                near = _near_pairs(simap, ours, theirs, threshold) if asked <= MOST_ASKED else {}
+            for (first, second), weight in near.items():
+                _note_near(found, names[first], names[second], weight)
+
+
+def _note_near(found: dict[int, list[tuple[float, str, str]]], one: Instance, other: Instance, weight: float) -> None:
+    """Add to what is found that two were nearly joined; it is said once, of the larger."""
+    this, that = sorted((one, other), key=lambda side: (-side.cells, side.id))
+    brief = f"nearly one with {that.name}"
+    if weight > max((known for known, words, _ in found[this.id] if words == brief), default=LEAST):
+        others = [about for about in found[this.id] if about[1] != brief]
+        found[this.id] = [*others, (weight, brief, f"It was nearly joined with {that.name}. The two may be one.")]
+
+
+def _near_pairs(simap: SIMap, ours: set[int], theirs: set[int], threshold: float) -> dict[tuple[int, int], float]:
+    """Return the pairs of two objects, one of each group, that were nearly joined, and the doubt that each raises."""
+    links = {(a, b): between(simap, a, b).link for a in ours for b in theirs}
+    scores = {pair: link.score for pair, link in links.items() if link is not None and not np.isnan(link.score)}
+    return {pair: 0.7 * (1.0 - abs(score - threshold) / SLIM) for pair, score in scores.items()}
 
 
 def _shared_places(one: Instance, shown: Mapping[int, Instance]) -> list[tuple[float, str, str]]:

@@ -542,7 +542,10 @@ def joint_words(why: Why, joint: Joint) -> str:
     """Describe the evidence on which a step of the merge log joined its parts."""
     if method_of(why.method).weights_per_frame:
         return f"{score_text(why.method, joint.score, why.threshold)} of the part that joined neighbours the other"
-    return f"{_sightings(joint.same, joint.different)} → {score_text(why.method, joint.score, why.threshold)}"
+    score = score_text(why.method, joint.score, why.threshold)
+    if joint.same + joint.different == 0:
+        return f"no frame saw both, but they touch → {score}"
+    return f"{_sightings(joint.same, joint.different)} → {score}"
 
 
 def together_words(together: Together) -> str:
@@ -604,7 +607,9 @@ def _one_object(why: Why) -> str:
     if as_one == 0:
         return f"One object although none of the {plural(seen, 'frame')} that saw it shows it as one."
     whole = all(len(frame.segments) == 1 for frame in why.frames if frame.as_one)
-    it = "it" if whole else "most of it"
+    entire = all(frame.cells >= len(why.cells) for frame in why.frames if frame.as_one)
+    it = "it" if entire else f"what {'it' if seen == 1 else 'they'} saw of it"
+    it = it if whole else f"most of {it}"
     which = f"{as_one} of the {seen} frames"
     if as_one == seen:
         which = "the 1 frame" if seen == 1 else f"all {seen} frames"

@@ -341,6 +341,7 @@ class Robot:
         """
         if primitive.kind == "function":
             return self.grounding.call(primitive, arguments)
+        arguments = {name: self._certain(value) for name, value in arguments.items()}
         sets = [value for value in arguments.values() if isinstance(value, Things)]
         self._words = next((value.one for value in sets if value.before or value.after), "")
         among = tuple(i.id for value in sets[:1] for i in value.items if isinstance(i, Instance))
@@ -491,8 +492,7 @@ class Robot:
     def _lap(self, things: Sequence[Instance], turns: float) -> list[list[float]]:
         """Return the positions of a loop around things, see `lap`."""
         one = things[0] if len(things) == 1 else None
-        alike = 0 if one is None else sum(other.label == one.label for other in self.simap.objects)
-        what = f"these {len(things)} things" if one is None else one.name if alike > 1 else f"the {one.label}"
+        what = f"these {len(things)} things" if one is None else self._called(one)
         cells = [self.grounding.cells_of(thing) for thing in things]
         points = self._plan(lambda planner: lap(planner, self._here, cells, what, turns))
         return [Position(point, one) for point in points]
@@ -581,13 +581,25 @@ class Robot:
         if self._planned_cells > self._max_planned_cells:
             raise PlanningError(f"stopped: the program would plan over more than {self._max_planned_cells:g} cells")
 
+    def _certain(self, value: Any) -> Any:
+        """Return the nearest certain one for what is only called the nearest of its name, where that is doubtful."""
+        if not isinstance(value, Things) or not value.surer or value.after:
+            return value
+        return self.grounding.surer(value) if value.items[0].id in self.simap.doubtful else value
+
+    def _called(self, thing: Instance) -> str:
+        """Return what a thing is called in an error: by its number where it has its like."""
+        alone = sum(other.label == thing.label for other in self.simap.objects) < 2
+        return f"the {thing.label}" if alone else thing.name
+
     def _go_to_side(self, primitive: str, name: Named, instance: int | Named, where: str, words: str) -> None:
         """Drive to the point beside an object, on a side of it; left and right are as the robot sees them now."""
         target = self.grounding.pick(name, instance)
         centroid = np.array(target.centroid_m[:2])
         side = self.grounding.way_of(where, centroid)
         beyond_m = self._extent_m(target, side) + self.planner.robot.radius_m + CLEARANCE_M
-        self._go_beside(primitive, target, centroid + side * beyond_m, f"{words} the {target.label}")
+        seen = " as seen from the robot" if where in ("left", "right") else ""
+        self._go_beside(primitive, target, centroid + side * beyond_m, f"{words} {self._called(target)}{seen}")
 
     def _go_beside(self, primitive: str, target: Instance, point_m: NDArray, what: str) -> None:
         """Drive to a point, or near it: on that side of an object still, and where the object is seen from."""

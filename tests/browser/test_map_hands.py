@@ -58,6 +58,12 @@ def names(page):
     return page.locator(".simaps-name:visible").all_inner_texts()
 
 
+WERE = """() => {
+  const box = document.querySelector('.simaps-names').getBoundingClientRect();
+  return [...document.querySelectorAll('.simaps-names > [hidden]')]
+    .map((one) => one.style.transform.match(/-?[\\d.]+/g)).map(([x, y]) => [box.x + Number(x), box.y + Number(y)]);
+}"""
+"""Where names that are not there any more were last."""
 BOXES = """() => [...document.querySelectorAll('.simaps-name')].filter((one) => one.checkVisibility())
   .map((one) => one.getBoundingClientRect())"""
 """Of all names at once: they may be moving."""
@@ -159,6 +165,31 @@ def test_names_come_with_the_zoom_large_objects_first_and_never_cover_one_anothe
     session.select(None)
     expect(page.locator(".simaps-chosen:visible")).to_have_count(0)
     until(page, lambda: "chair 1" in names(page))  # with the others, as why it is one is no longer drawn
+
+
+def test_where_a_name_was_before_the_map_moved_is_no_longer_its_object(bench, page):
+    """A stool was selected by a press on what lay where its name had been."""
+    session, hint = mine(bench), page.locator(".simaps-hint")
+    many = len(names(page))
+    canvas = page.locator("canvas").first.bounding_box()
+    page.mouse.move(canvas["x"] + 60, canvas["y"] + 30)
+    page.mouse.down()
+    page.mouse.move(canvas["x"] + 0.8 * canvas["width"], canvas["y"] + 40, steps=8)
+    page.mouse.up()
+    until(page, lambda: len(names(page)) < many)
+    page.wait_for_timeout(500)
+    was = page.evaluate(WERE)
+    assert was
+    (x0, y0), (x1, y1) = (on_canvas(bench, page, x, x) for x in (0.0, 1.0))
+    for x, y in was:
+        here = session.simap.at((x - x0) / (x1 - x0), (y - y0) / (y1 - y0))
+        page.mouse.move(x, y)
+        page.wait_for_timeout(200)
+        boxes = dict(zip(names(page), page.evaluate(BOXES), strict=True))
+        named = [one for one, box in boxes.items() if box["x"] < x < box["right"] and box["y"] < y < box["bottom"]]
+        allowed = {*named, *([here.name] if here else [])}
+        said = hint.inner_text() if hint.is_visible() else ""
+        assert not re.search(r" \d+ · ", said) or said.partition(" · ")[0] in allowed, (said, allowed)
 
 
 def test_no_name_stands_on_the_middle_of_another_larger_object(browser):

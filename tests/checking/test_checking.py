@@ -278,6 +278,19 @@ def test_a_camera_that_only_turns_or_stands_still(tmp_path: Path, monkeypatch: p
     assert diagnosis.ok and [f.kind for f in diagnosis.findings] == ["unjudged"]
 
 
+@pytest.mark.parametrize(("share", "severity"), [(0.08, "warning"), (0.005, "error")])
+def test_depth_of_few_pixels_is_not_called_wrong_poses(room: Path, tmp_path: Path, share: float, severity: str) -> None:
+    """A LiDAR's depth has some pixels in a hundred, the points of a reconstruction fewer than one."""
+
+    def thinned(steps: NDArray) -> NDArray:
+        return np.where(np.random.default_rng(0).random(steps.shape) < share, steps, 0).astype(steps.dtype)
+
+    diagnosis = diagnose(open_recording(spoiled_copy(room, tmp_path / "spoiled", Spoiling(depth=thinned))))
+    found = [finding for finding in diagnosis.findings if "of the pixels have depth" in finding.message]
+    assert [(finding.kind, finding.severity) for finding in found] == [("unjudged", severity)]
+    assert "disagreement" not in kinds(diagnosis) and diagnosis.correction is None
+
+
 def test_of_the_units_that_make_a_room_the_one_that_frames_agree_with_is_taken(room, tmp_path) -> None:
     """TUM's fr1/rpy hardly moves: the first that makes a room of it, 1 mm, agrees nearly as well as its own 0.2 mm."""
     spoiling = Spoiling(depth=lambda steps: steps * 2, keys={"depth_unit_m": 0.5})

@@ -34,6 +34,7 @@ from simaps_viz.datasets.calibration import numbers
 from simaps_viz.datasets.images import read_color
 from simaps_viz.datasets.ros_messages import decode_depth
 from simaps_viz.datasets.sequence import PosedFrames
+from simaps_viz.datasets.tum import BONN_CAMERA, BONN_NOTE, BONN_WORLD
 from simaps_viz.errors import InputError
 
 pytestmark = pytest.mark.slow  # each variant of a format is written and opened anew
@@ -104,6 +105,91 @@ def test_frames_without_depth_are_left_out(tmp_path: Path) -> None:
     found = open_sequence(other)
     same_frames(found, open_sequence(usual), [0, 2, 3])
     assert found.notes == ("1 of 4 frames have no depth: left out",)
+
+
+def test_a_wrong_unit_far_off_is_found_and_nothing_else_is_blamed(tmp_path: Path) -> None:
+    path = nerfstudio(tmp_path).path
+    content = json.loads((path / "transforms.json").read_text()) | {"depth_unit_scale_factor": 1e-6}
+    (path / "transforms.json").write_text(json.dumps(content))
+    right = open_recording(nerfstudio(tmp_path / "right").path)
+    off = open_recording(path)
+    assert off.unit_m < 1e-5
+    factor = right.unit_m / off.unit_m * 1e-3
+    np.testing.assert_allclose(off.depth_steps(0) / factor, right.depth_steps(0), atol=0.5)
+
+
+def test_scannet_s_exporter_may_shrink_the_pictures_alone(tmp_path: Path) -> None:
+    usual, other = scannet(tmp_path / "usual").path, scannet(tmp_path / "other").path
+    color = np.array(np.loadtxt(other / "intrinsic/intrinsic_color.txt"))
+    picture = cv2.imread(str(next((other / "color").iterdir())))
+    assert picture is not None
+    large, (height, width) = color.copy(), picture.shape[:2]
+    large[0] *= 1296 / width
+    large[1] *= 968 / height
+    large[:2, 2] += (1296 / width - 1) / 2, (968 / height - 1) / 2
+    np.savetxt(other / "intrinsic/intrinsic_color.txt", large)
+    found, expected = open_sequence(other), open_sequence(usual)
+    size = f"{width}x{height}"
+    assert found.notes == (f"pictures of {size} pixels, intrinsic_color.txt is of 1296x968: scaled", *expected.notes)
+    np.testing.assert_allclose(found.color(1).astype(int), expected.color(1), atol=1)
+
+
+def test_polycam_s_corrected_cameras_without_a_size_and_a_mac_s_files_beside_them(tmp_path: Path) -> None:
+    usual, other = polycam(tmp_path / "usual").path, polycam(tmp_path / "other").path
+    for file in (other / "keyframes/corrected_cameras").iterdir():
+        content = json.loads(file.read_text())
+        del content["width"], content["height"]
+        file.write_text(json.dumps(content))
+    for file in [file for file in (other / "keyframes").rglob("*") if file.is_file()]:
+        file.with_name(f"._{file.name}").write_bytes(b"\0\5\x16\7")
+    found, expected = open_sequence(other), open_sequence(usual)
+    same_frames(found, expected)
+    assert found.notes == expected.notes
+
+
+def test_bonn_s_poses_are_carried_over_from_the_markers_to_the_camera(tmp_path: Path) -> None:
+    """T_ros T T_ros T_m, as the dataset's page has it; its T_m scales by 1.059, which is no motion."""
+    usual, other = tum(tmp_path / "usual").path, tum(tmp_path / "other").path
+    T_ros = np.array([[-1.0, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+    np.testing.assert_allclose(BONN_WORLD, T_ros)
+    scaled = [[1.0157, 0.1828, -0.2389], [0.0009, -0.8431, -0.6413], [-0.3009, 0.6147, -0.8085]]
+    np.testing.assert_allclose(1.059 * BONN_CAMERA[:3, :3], scaled, atol=2e-3)
+    np.testing.assert_allclose(BONN_CAMERA[:, 3], [0.0113, -0.0098, 0.0111, 1.0])
+    lines = (other / "groundtruth.txt").read_text().splitlines()
+    for i, line in enumerate(lines):
+        if not line.startswith("#"):
+            time, *row = map(float, line.split())
+            T = np.eye(4)
+            T[:3, :3], T[:3, 3] = Rotation.from_quat(row[3:]).as_matrix(), row[:3]
+            T = T_ros.T @ T @ np.linalg.inv(BONN_CAMERA) @ T_ros.T
+            values = *T[:3, 3], *Rotation.from_matrix(T[:3, :3]).as_quat()
+            lines[i] = " ".join([f"{time:.4f}", *(f"{value:.15g}" for value in values)])
+    (other / "groundtruth.txt").write_text("\n".join(lines))
+    other = other.rename(other.with_name("rgbd_bonn_seats"))
+    found, expected = open_sequence(other), open_sequence(usual)
+    np.testing.assert_allclose(found.poses, expected.poses, atol=1e-6)
+    assert found.notes[-1].startswith("poses are of markers on the camera") or BONN_NOTE in found.notes
+    assert found.intrinsics.fx != expected.intrinsics.fx
+
+
+def test_a_sens_file_whose_first_pose_is_none_does_not_say_where_up_is(tmp_path: Path) -> None:
+    """BundleFusion's begin at the first camera; ScanNet's are turned until z is up."""
+    path = sens(tmp_path).path
+    assert open_recording(path).up == (0.0, 0.0, 1.0)
+    data, at = bytearray(path.read_bytes()), 4 + 8 + 15 + 4 * 64 + 36
+    data[at : at + 64] = np.eye(4, dtype="<f4").tobytes()
+    path.write_bytes(data)
+    assert open_recording(path).up is None
+
+
+def test_poses_that_are_all_the_same_are_told(tmp_path: Path) -> None:
+    path = nerfstudio(tmp_path).path
+    content = json.loads((path / "transforms.json").read_text())
+    for frame in content["frames"]:
+        frame["transform_matrix"] = np.eye(4).tolist()
+    (path / "transforms.json").write_text(json.dumps(content))
+    told = "all 4 poses are the same: the camera stood still, or none were recorded"
+    assert told in open_sequence(path).notes
 
 
 def test_habitat_with_jpg(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 import sqlite3
 import struct
 from collections.abc import Callable
@@ -14,7 +15,7 @@ import pytest
 from scans import FRAMES, LEANING, Sample, camera, look, map_pose, row, steps
 from scans_apps import record3d_exr
 from scans_bags import ros2_sqlite, rvl
-from scans_folders import habitat, sens, tum
+from scans_folders import habitat, nerfstudio, sens, tum
 from scans_slam import (
     T_BASE_CAMERA,
     colmap,
@@ -122,6 +123,35 @@ def test_what_a_phone_lost_is_left_out(tmp_path):
     assert sequence.notes == ("3 of 5 poses have no picture in rgb.mp4, or no depth image: left out",)
     later = np.abs(sequence.color(1).astype(int) - open_sequence(stray_scanner(tmp_path / "b").path).color(3))
     assert later.max() == 0, "the picture of that number, not the second"
+
+
+def test_stray_scanner_s_depth_before_2022_is_floats_in_metres(tmp_path):
+    usual, other = stray_scanner(tmp_path / "usual").path, stray_scanner(tmp_path / "other").path
+    for file in (other / "depth").iterdir():
+        np.save(file.with_suffix(".npy"), read_depth(file, 0.001))
+        file.unlink()
+    found, expected = open_sequence(other), open_sequence(usual)
+    assert found.frame_names == expected.frame_names
+    for i in range(len(expected)):
+        np.testing.assert_allclose(found.read(i).depth_m, expected.read(i).depth_m, atol=1e-6)
+
+
+def test_orb_slam3_s_times_may_be_nanoseconds(tmp_path):
+    usual, other = slam_folder(tmp_path / "usual").path, slam_folder(tmp_path / "other").path
+    lines = [line.partition(" ") for line in (other / "CameraTrajectory.txt").read_text().splitlines()]
+    nanoseconds = [f"{time.replace('.', '')}00 {rest}" for time, _, rest in lines]  # of seven decimals
+    (other / "CameraTrajectory.txt").write_text("\n".join(nanoseconds))
+    found, expected = open_sequence(other), open_sequence(usual)
+    assert found.frame_names == expected.frame_names and found.notes == expected.notes
+    np.testing.assert_allclose(found.poses, expected.poses, atol=1e-6)
+
+
+def test_redwood_s_own_downloads_call_the_poses_something_traj_txt(tmp_path):
+    usual, other = redwood(tmp_path / "usual").path, redwood(tmp_path / "other").path
+    (log,) = [file for name in ("trajectory.log", "scene/trajectory.log") if (file := other / name).is_file()]
+    log.rename(other / "bedroom-traj.txt")
+    found, expected = open_sequence(other), open_sequence(usual)
+    np.testing.assert_array_equal(found.poses, expected.poses)
 
 
 def box(kind: bytes, content: bytes) -> bytes:
@@ -464,6 +494,25 @@ def test_depth_as_tiff_or_exr(tmp_path: Path, suffix: str, write: Callable[[Path
         sequence.read(0)
 
 
+@pytest.mark.parametrize(("suffix", "write"), [("tiff", tiff), ("exr", exr), ("npy", np.save)])
+def test_floats_without_a_unit_that_can_only_be_metres(tmp_path: Path, suffix: str, write: Callable) -> None:
+    """nerfstudio is told the unit by a flag, so its file does not state it; renderers write metres."""
+    path, usual = (nerfstudio(tmp_path / name).path for name in ("floats", "usual"))
+    expected, text = open_sequence(usual), (path / "transforms.json").read_text()
+    for i, file in enumerate(sorted((path / "depths").iterdir())):
+        write(file.with_suffix(f".{suffix}"), expected.read(i).depth_m)
+        text = text.replace(file.name, f"{file.stem}.{suffix}").replace(
+            f"images/{file.stem}.{suffix}", f"images/{file.name}"
+        )
+    for unit, notes in (({}, 1), ({"depth_unit_scale_factor": 1.0}, 0)):
+        (path / "transforms.json").write_text(json.dumps(json.loads(text) | unit))
+        found = open_sequence(path)
+        assert [note.partition(":")[0] for note in found.notes] == ["depth is taken as metres"] * notes
+        assert found.depth_unit_m == 0.001  # of the images that are written from it
+        for i in range(FRAMES):
+            np.testing.assert_allclose(found.read(i).depth_m, expected.read(i).depth_m, rtol=1e-6)
+
+
 def test_depth_that_nerfcapture_has_clipped(tmp_path):
     """Its offline mode writes depth as an 8-bit picture, white beyond a metre (DatasetWriter.swift)."""
     path = instant_ngp(tmp_path).path
@@ -520,11 +569,29 @@ def test_colmap_s_own_depth_maps_have_its_unit(tmp_path, folder):
     sequence = open_sequence(own_depth_maps(sample.path, folder), up=(0.3, -0.9, 0.2))
     reference = open_sequence(sample.reference)
     assert sequence.notes[0].startswith("depth is COLMAP's own, in the reconstruction's unit: 1 is taken as 1 m")
-    assert sequence.notes[1] == "1 of 5 pictures have no depth or are missing: left out"
+    assert sequence.notes[1:3] == (
+        "1 of 5 pictures have no depth or are missing: left out",
+        "1 of 4 frames have only a photometric depth map, which is rough",
+    )
     np.testing.assert_allclose(sequence.poses[:, :3, :3], reference.poses[:, :3, :3], atol=1e-6)
     np.testing.assert_allclose(sequence.poses[:, :3, 3], reference.poses[:, :3, 3] / 0.5, atol=1e-6)
     for i in range(FRAMES):
         np.testing.assert_allclose(sequence.read(i).depth_m, reference.read(i).depth_m / 0.5, rtol=1e-6)
+
+
+def test_of_several_reconstructions_of_colmap_s_the_largest_is_read_and_named(tmp_path):
+    sample, pieces = colmap(tmp_path), colmap(tmp_path / "small").path
+    whole = open_sequence(sample.path)
+    (sample.path / "sparse/0").rename(sample.path / "sparse/10")
+    small = sample.path / "sparse/2"
+    shutil.copytree(pieces / "sparse/0", small)
+    images = bytearray((small / "images.bin").read_bytes())
+    images[:8] = struct.pack("<Q", 0)
+    (small / "images.bin").write_bytes(images[:8])
+    found = open_sequence(sample.path)
+    assert found.notes[0] == "of 2 reconstructions, which share no frame of reference, the largest is read: sparse/10"
+    assert found.notes[1:] == whole.notes
+    np.testing.assert_array_equal(found.poses, whole.poses)
 
 
 def test_a_sensor_s_depth_goes_before_colmap_s_own(tmp_path):

@@ -653,6 +653,8 @@ def test_others_are_looked_for_by_what_is_not_doubtful_where_there_is_one() -> N
             taken = f"is nearer, but doubtful, seen in 1 frame of 200: potted plant {plant} is taken."
             assert (f"Potted plant {glance} {taken}" in spoken.notes) == (len(faint) == 1)
             assert spoken.suggestions == ((f"go to potted plant {glance}",) if len(faint) == 1 else ())
+        again = simaps_viz.ask(known, "go to the plant, then to the chair nearest to it", pose=Pose2(0.3, 2.5, 0.0))
+        assert [goal.instance for goal in again.goals] == [anchor, chair] and (note in again.notes) == (len(faint) == 1)
         named = simaps_viz.ask(known, f"go to potted plant {glance}", pose=Pose2(0.3, 2.5, 0.0))
         assert named.goals[0].instance == glance
 

@@ -1,13 +1,20 @@
 """What a map is least sure of, by what it holds itself."""
 
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from toy_maps import toy_map
 
-from simaps_viz.mapping.doubts import doubts
+from simaps_viz import load_map
+from simaps_viz.mapping.doubts import SLIM, doubts
+from simaps_viz.mapping.explain import between
 from simaps_viz.mapping.simap import repartition
 from simaps_viz.structures import Box, InSpace, SIMap
+
+ROOT = Path(__file__).parents[2]
+NEAR = re.compile(r"nearly joined with ([^.]+ \d+)\.")
 
 
 def with_facts(simap, number, **facts):
@@ -59,6 +66,19 @@ def test_a_map_without_voxels_is_not_asked_where_things_are_in_space(monkeypatch
     simap = toy_map()
     monkeypatch.setattr(SIMap, "in_space", property(lambda _: pytest.fail("columns were filled")))
     assert all(one.weight > 0.0 for one in doubts(with_facts(simap, simap.instances[0].id, score=0.1)))
+
+
+@pytest.mark.parametrize("affinity", [0.2, 0.95])
+def test_two_that_were_nearly_joined_are_as_near_as_their_own_evidence_says(affinity):
+    """A late step of the log is of many objects together, of which two alone may have nothing to do with each other."""
+    cut = repartition(load_map(ROOT / "recordings/cafe-evidence.npz"), affinity=affinity)
+    names = {one.name: one.id for one in cut.instances}
+    said = [(one.instance.id, NEAR.findall(" ".join(one.reasons))) for one in doubts(cut)]
+    pairs = [(number, names[other]) for number, others in said for other in others]
+    assert len(pairs) > 3
+    for pair in pairs:
+        link = between(cut, *pair).link
+        assert link is not None and abs(link.score - affinity) < SLIM
 
 
 def test_what_a_slim_margin_joins_or_leaves_apart_is_doubtful():

@@ -96,7 +96,7 @@ def test_what_is_of_one_piece_has_no_joint():
 def test_words_on_the_toy_map():
     simap = toy_map()
     assert summary(explain(simap, CHAIR_1)) == (
-        "One object although only 2 of the 5 frames that saw it show it as one. "
+        "One object although only 2 of the 5 frames that saw it show what they saw of it as one. "
         "Class chair because the masks of 5 frames say so, 71 % sure on average. Its weakest joint "
         "(32 + 32 cells) has 25.0 %, above the K = 5 % needed: seen together in 3 frames, each time as two."
     )
@@ -133,8 +133,11 @@ def test_small_pieces_that_joined_with_less_are_not_passed_over_in_silence():
     assert summary(below).endswith(" Small pieces joined with less, down to 12.5 %.") and "pieces" not in summary(why)
     assert (weakest_name(why), weakest_name(below)) == ("weakest joint", "weakest of the larger parts")
     frame = next(one for one in why.frames if one.as_one)
-    split = replace(why, frames=(replace(frame, segments=(1, 2)),))
-    assert summary(split).startswith("One object because the 1 frame that saw it shows most of it as one.")
+    split = replace(why, frames=(replace(frame, segments=(1, 2), cells=len(why.cells)),))
+    said = "One object because the 1 frame that saw it shows most of it as one."
+    assert summary(split).startswith(said)
+    part = replace(why, frames=(replace(frame, segments=(1, 2), cells=len(why.cells) - 1),))
+    assert summary(part).startswith(said.replace("most of it", "most of what it saw of it"))
 
 
 def test_a_score_that_reads_as_the_threshold_has_a_digit_more():
@@ -167,7 +170,7 @@ def test_sightings_of_a_drawn_row_are_counted_by_hand(row):
     assert (link.same, link.different, link.touching, link.distance_m) == (10, 15, True, 0.0)
     assert link.score == pytest.approx((10 + 2.1) / 28)
     assert summary(why) == (
-        "One object because 5 of the 6 frames that saw it show it as one. "
+        "One object because 5 of the 6 frames that saw it show what they saw of it as one. "
         "Class chair because the masks of 6 frames say so, 100 % sure on average. Its weakest joint "
         "(2 + 2 cells) has 62 % for one object, above the 60 % needed: seen together in 5 frames: as one in 4, as two "
         "in 1. The 62 % is counted cell by cell: 8 sightings as one, 2 as two, and 3 imagined, as two, of "

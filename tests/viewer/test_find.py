@@ -135,10 +135,10 @@ def test_free_words_go_from_rank_to_rank_on_enter_alone():
     FindBox(page)  # pyright: ignore[reportArgumentType]
     seats = [found.instance.id for found in SIMAP.search("somewhere to sit")]
     assert "Enter searches for what fits" in page.type("somewhere to sit") and page.went == []
-    assert "1. chair 1 (100 %), shown; 2. chair 3 (100 %)" in page.type("somewhere to sit\n")
+    assert "1. chair 1 (fits 100 %), shown; 2. chair 3 (fits 100 %)" in page.type("somewhere to sit\n")
     for _ in seats:
         shown = page.type("somewhere to sit\n")
-    assert len(seats) > 2 and page.went == [*seats, seats[0]] and "1. chair 1 (100 %), shown" in shown
+    assert len(seats) > 2 and page.went == [*seats, seats[0]] and "1. chair 1 (fits 100 %), shown" in shown
     assert "is called flying carpet." in page.type("flying carpet\n") and len(page.went) == len(seats) + 1
     assert page.type("chair 3\n") and page.went[-1] == SIMAP.of_class("chair")[1].id
 

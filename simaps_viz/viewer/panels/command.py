@@ -566,6 +566,8 @@ PREVIEW_S = 0.5
 """A person who has typed nothing for so long sees what the command so far would mean."""
 OUTLINE_M = 0.014
 """Height of the lines around what the robot goes to, or an answer speaks of."""
+POSE_S = 0.3
+"""How often it is said where a robot is that drives."""
 GOAL_M = 0.25
 """Half the side of the square around the robot's final position that is kept free of labels."""
 STOPS = "stops here"
@@ -1118,6 +1120,8 @@ class CommandPanel(Panel):
         self._scene.show_robot(pose)
         self._follower.see(pose)
         self._show_progress(share)
+        if time.monotonic() - self._told_at > POSE_S:
+            self._show_pose()
         planned, answer = self._trajectory, self._answer  # another command may clear them meanwhile
         lines = planned.lines if planned is not None else ()
         line = int(lines[leg]) if leg < len(lines) else 0
@@ -1315,7 +1319,7 @@ class CommandPanel(Panel):
                 one.icon = _ICONS.get(self._past[i].status, viser.Icon.CLOCK)
 
     def _show_pose(self) -> None:
-        pose = self._page.pose
+        pose, self._told_at = self._page.pose, time.monotonic()
         self._pose.content = (
             '<div style="padding:.2em .8em;font-size:.82em">Robot at '
             f"<b>x {pose.x_m:.2f} m, y {pose.y_m:.2f} m</b>, heading <b>{pose.heading_deg % 360:.0f}°</b></div>"
@@ -1328,7 +1332,7 @@ class CommandPanel(Panel):
         self._text = gui.add_text(
             "Command", "", multiline=True, hint="In plain English, or a program; Enter sends it.", disabled=not enabled
         )
-        self._typed_at = -math.inf
+        self._typed_at = self._told_at = -math.inf
         by_person(self._text, self._typed)
         self._run = gui.add_button_group(
             "Run",

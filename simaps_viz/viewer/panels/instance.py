@@ -17,6 +17,7 @@ from simaps_viz.drawing.surface import stack_at
 from simaps_viz.drawing.theme import BOX_STYLE, DIM_STYLE, small_html
 from simaps_viz.errors import CommandError, InputError
 from simaps_viz.language.commands import begins_order, read_command
+from simaps_viz.language.words import Vocabulary
 from simaps_viz.mapping.in_space import all_instances
 from simaps_viz.mapping.method import percent_text
 from simaps_viz.structures import Instance, SIMap
@@ -91,6 +92,9 @@ def _class_of(simap: SIMap, name: str) -> str:
         return fitting[0]
     if fitting:
         raise NotFound(f"Several classes fit: {', '.join(fitting[:6])}.")
+    meaning = Vocabulary(simap.counts()).resolve(name)
+    if meaning is not None and len(meaning.labels) == 1:  # as a command reads it: "fridge"
+        return meaning.labels[0]
     near = difflib.get_close_matches(name, known, n=1)
     more = f" Did you mean {known[near[0]]}?" if near else ""
     raise NotFound(f"No class of this map is called {name}.{more}")
@@ -210,7 +214,7 @@ class FindBox(Panel):
         said = f"{found[at].name}: {at + 1} of {len(found)}." if len(found) > 1 else ""
         if scores:
             names = [
-                f"{n}. {one.name} ({percent_text(score)})"
+                f"{n}. {one.name} (fits {percent_text(score)})"
                 for n, (one, score) in enumerate(zip(found, scores, strict=True), 1)
             ]
             names[at] += ", shown"

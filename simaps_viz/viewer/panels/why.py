@@ -111,7 +111,8 @@ def joint_html(why: Why, joint: Joint, position: int, recorded: bool | None) -> 
     more = " The recorded build was cut into other communities and has no such step." if recorded is False else ""
     return (
         f'<div style="{SMALL_STYLE}"><b>Step {position} of {len(why.joints)}</b>: '
-        f"{_stroke(TARGET)}{joint.target_cells} cells + {_stroke(SOURCE)}{joint.source_cells} cells: "
+        f"{_stroke(TARGET)}{plural(joint.target_cells, 'cell')} + "
+        f"{_stroke(SOURCE)}{plural(joint.source_cells, 'cell')}: "
         f"{escape(joint_words(why, joint))}.{escape(more)}</div>"
     )
 

@@ -417,7 +417,7 @@
     leaders = [];
     writeTexts(taken, under);
     if (look && map) writeNames(taken, look);
-    for (; count < spans.length; count++) spans[count].hidden = true;
+    for (const left of spans.slice(count)) left.hidden = true;
   };
   const drawOver = (canvas, plain) => {
     const scale = window.devicePixelRatio || 1, context = drawing.getContext('2d');
@@ -453,9 +453,10 @@
   const entryOf = (event) => event.target.closest && event.target.closest('[data-class]');
   let step = 0;  // of merging, whose button the pointer is on
   const point = (event) => {
+    if (event.pointerType === 'touch') return;  // a finger that scrolls points to nothing, and never leaves
     const button = event.target.closest && event.target.closest('button');
     const on = Number(((button && button.textContent.match(/^Step (\d{1,8}) of /)) || [0, 0])[1]);
-    if (on !== step && event.pointerType !== 'touch') tell({ type: 'step', number: step = on });
+    if (on !== step) tell({ type: 'step', number: step = on });
     const entry = entryOf(event), label = entry ? entry.dataset.class : null, square = oneOf(event);
     if (square) event.target.title = factsOf(square);
     if (label !== pointed || chosen !== square) { pointed = label; chosen = square; changed = true; }

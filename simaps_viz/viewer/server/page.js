@@ -130,12 +130,15 @@
       row.dataset.fits = `${words} ${wide}`;
     }
   };
+  let foundAt = -Infinity;  // when what was found was stepped through last: its arrows stay under the finger
+  document.addEventListener('click', (event) => { if (event.target.closest('[data-find]')) foundAt = Date.now(); }, true);
+  const finding = () => document.activeElement.matches('textarea[aria-label=Find]') || Date.now() - foundAt < 3000;
   const unfolded = () => document.querySelector('[aria-label="Collapse panel Recorded build"]');
   document.addEventListener('click', (event) => {  // a tab opens at its top, and on a phone takes the recorded build's place
     const row = event.target.closest('[role=tab]') && event.target.closest('[role=tablist]');
     if (row && PHONE.matches && unfolded()) unfolded().click();
     // There what is above the tabs makes room for the tab, unless something is being looked for with it.
-    const rooms = row && PHONE.matches && !document.activeElement.matches('textarea[aria-label=Find]');
+    const rooms = row && PHONE.matches && !finding();
     for (let one = row && row.parentElement; one; one = one.parentElement) {
       if (!['scroll', 'auto'].includes(getComputedStyle(one).overflowY)) continue;
       one.scrollTop = 0;
@@ -165,7 +168,7 @@
   let selectedSeen = '';
   const showSelected = () => {  // what is selected next is read from its name on, not from where the one before was left
     const one = document.querySelector('.simaps-selected'), name = one ? one.textContent : '';
-    if (name && name !== selectedSeen) one.scrollIntoView({ block: 'nearest' });
+    if (name && name !== selectedSeen && !finding()) one.scrollIntoView({ block: 'nearest' });
     selectedSeen = name;
   };
   const placeHints = () => {  // beside the panels: below its control a hint would cover the next one
@@ -223,7 +226,12 @@
   };
   const toBox = (label, tabName, tries, opened = new Set(), then = () => {}) => {
     const box = document.querySelector(`[aria-label="${label}"]`);
-    if (box && box.offsetParent) { box.focus(); then(box); return; }
+    if (box && box.offsetParent) {
+      box.focus();
+      if (box.select) box.select();  // what is typed there replaces it
+      then(box);
+      return;
+    }
     if (tries === 0) return;
     const tab = titled(tabName);
     if (tab && !isOpen(tab)) press(tab);
@@ -236,38 +244,43 @@
   };
   // Words that are typed outside every box go to the command box: their letters are no keys of the page. So a letter
   // counts as one only when no other follows at once; those that lead to a box, or are held, count immediately.
+  const WRITES = 'input:not([type=checkbox]), textarea, select, [contenteditable], [role=dialog]';
   const HELD_MS = 300, AT_ONCE = ['f', 'b'];
   let held = [], waits = 0, leads = false;
-  const sendKey = ({ key, code, shiftKey, target }) => (target.isConnected ? target : document.body).dispatchEvent(
+  const sendKey = ({ key, code, shiftKey, target }) => (target.isConnected && !target.matches('input') ? target : document.body).dispatchEvent(
     new KeyboardEvent('keydown', { key, code, shiftKey, bubbles: true, cancelable: true }));
   const release = () => {
     const [one] = held;
     held = [];
     sendKey(one);
   };
+  // Until a pause the box gets all of them anew with each letter: drawn meanwhile, it would lose some.
   const handOver = (box) => {
-    const words = held.map((one) => one.key).join('');
-    [held, leads] = [[], false];
-    Object.getOwnPropertyDescriptor(HTMLTextAreaElement.prototype, 'value').set.call(box, words);
+    leads = box;
+    Object.getOwnPropertyDescriptor(HTMLTextAreaElement.prototype, 'value').set.call(box, held.map((one) => one.key).join(''));
     box.dispatchEvent(new InputEvent('input', { bubbles: true }));
   };
+  const letGo = () => { clearTimeout(waits); [held, leads] = [[], false]; };
+  document.addEventListener('pointerdown', (event) => { if (event.isTrusted) letGo(); }, true);
   window.addEventListener('keydown', (event) => {
     const { key, target, repeat } = event, plain = !event.ctrlKey && !event.metaKey && !event.altKey;
-    if (!event.isTrusted || !plain || !target.closest || target.closest('input:not([type=checkbox]), textarea, select, [contenteditable], [role=dialog]')) return;
+    const box = target.closest && target.closest(WRITES);
+    if (!event.isTrusted || !target.closest || (box && box !== leads) || key === 'Shift') return;
+    if (!plain || key.length !== 1) { letGo(); return; }
     if (!held.length && (repeat || !/^[a-z]$/i.test(key) || AT_ONCE.includes(key) || !titled('Command'))) return;
-    if (key.length !== 1) return;
     event.preventDefault();
     event.stopImmediatePropagation();
     if (!repeat) held.push({ key, code: event.code, shiftKey: event.shiftKey, target });
     clearTimeout(waits);
     if (held.length === 1) { waits = setTimeout(release, HELD_MS); return; }
-    waits = setTimeout(() => { [held, leads] = [[], false]; }, 3000);  // there is no such box after all
+    waits = setTimeout(letGo, 3000);
+    if (leads && leads !== true) handOver(leads);
     if (leads) return;
     leads = true;
     toBox('Command', 'Command', 10, new Set(), handOver);
   }, true);
   document.addEventListener('keydown', (event) => {
-    const busy = event.target.closest && event.target.closest('input, textarea, [contenteditable]');
+    const busy = event.target.closest && event.target.closest(WRITES);
     if (busy || event.ctrlKey || event.metaKey || event.altKey) return;
     if (event.key === '/') { event.preventDefault(); toBox('Command', 'Command', 3); }
     if (event.key === 'f') { event.preventDefault(); toBox('Find', 'Instance', 3); }
@@ -308,7 +321,11 @@
   window.addEventListener('keydown', (event) => {
     const close = closeOf();
     if (event.key !== 'Escape') return;
-    if (!close && event.target.matches && event.target.matches('textarea')) event.target.blur();  // the page's keys work again
+    if (!close && event.target.matches && event.target.matches('textarea')) {  // the page's keys work again, this one too
+      event.target.blur();
+      if (event.target.ariaLabel === 'Command') setTimeout(() => document.body.dispatchEvent(
+        new KeyboardEvent('keydown', { key: 'Escape', code: 'Escape', bubbles: true, cancelable: true })));
+    }
     if (!close) { passEscape(event); return; }
     event.stopImmediatePropagation();
     close.click();
