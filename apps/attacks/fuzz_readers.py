@@ -152,7 +152,7 @@ def _pictures(folder: Path) -> Case:
 
 
 FOLDERS = ("tum", "seven_scenes", "scannet", "replica", "nerfstudio", "habitat", "habitat_classes", "arkit", "polycam",
-           "bundle_fusion", "sens", "amazon")  # fmt: skip
+           "bundle_fusion", "sens", "amazon", "sun3d")  # fmt: skip
 LARGE = ("tum", "seven_scenes")
 """Their pictures have 640 x 480 pixels."""
 APPS = ("record3d_folder", "record3d_zip", "record3d_exr")

@@ -22,6 +22,7 @@ READERS: list[str | Reader] = [
     "simaps_viz.datasets.tum:TUM_READER",
     "simaps_viz.datasets.tum:SLAM_READER",
     "simaps_viz.datasets.seven_scenes:READER",
+    "simaps_viz.datasets.seven_scenes:SUN3D_READER",
     "simaps_viz.datasets.redwood:READER",
     "simaps_viz.datasets.scannet:SCANNET_READER",
     "simaps_viz.datasets.scannet:SENS_READER",

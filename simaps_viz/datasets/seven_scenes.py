@@ -4,7 +4,7 @@
 ``.pose.txt`` too, with depth in the camera of the colour pictures or of one that stands at the same place, and say
 which camera it was; MIT and Princeton's Amazon challenge may have poses and camera in one ``cam.info.txt``. 7-Scenes
 itself, and 3DMatch's copies of it, have the raw pictures of a Kinect: its two cameras stand 25 mm apart, so depth is
-carried over to the colour camera.
+carried over to the colour camera. SUN3D, from which 3DMatch took many, has folders of its own.
 """
 
 from collections.abc import Callable
@@ -14,10 +14,19 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.datasets.association import match_frames
-from simaps_viz.datasets.calibration import Lens, camera_matrix, matrix4, matrix_lens, numbers, pinhole, words
+from simaps_viz.datasets.association import associate, match_frames
+from simaps_viz.datasets.calibration import (
+    Lens,
+    camera_matrix,
+    matrix4,
+    matrix_lens,
+    number_rows,
+    numbers,
+    pinhole,
+    words,
+)
 from simaps_viz.datasets.clouds import register_depth
-from simaps_viz.datasets.file_frames import FileFrames, depth_png, first_size, number_of
+from simaps_viz.datasets.file_frames import FileFrames, depth_png, first_size, names_of, number_of, numbered
 from simaps_viz.datasets.images import read_depth
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, first_readable
 from simaps_viz.errors import InputError
@@ -94,6 +103,49 @@ def _open(path: Path) -> Recording:
 
 
 READER = Reader(FACTS, _recognise, _open)
+
+SUN3D = FormatFacts(
+    title="SUN3D",
+    recognised_by="`image/*.jpg`, `depth/*.png`, `intrinsics.txt`, `extrinsics/*.txt`",
+    depth="16-bit PNG, bits rotated by three",
+    pose="camera to world: 3x4 for each picture, in the latest file",
+)
+SUN3D_TOLERANCE_S = 0.05
+"""How far depth may be from a picture; the second number in their names is microseconds."""
+
+
+def _is_sun3d(path: Path) -> bool:
+    needed = "image/*.jpg", "depth/*.png", "intrinsics.txt", "extrinsics/*.txt"
+    return path.is_dir() and all(next(path.glob(pattern), None) is not None for pattern in needed)
+
+
+def _open_sun3d(path: Path) -> Recording:
+    color, depth = numbered(path / "image", "*.jpg"), numbered(path / "depth", "*.png")
+    times = [np.array([number_of(file) for file in files]) * 1e-6 for files in (color, depth)]
+    pairs = associate(*times, tolerance_s=SUN3D_TOLERANCE_S)
+    file = max((path / "extrinsics").glob("*.txt"), key=lambda file: file.name)
+    rows = number_rows(file, 4)
+    poses = {i: rows[3 * i : 3 * i + 3] for i in range(len(rows) // 3)}
+
+    def read_pose(block: list[tuple[str, list[str]]]) -> NDArray:
+        return np.vstack([*(numbers(*row, count=4) for row in block), (0.0, 0.0, 0.0, 1.0)])
+
+    matched = match_frames(
+        path,
+        {"picture": dict(enumerate(color)), "depth image of its time": {int(a): depth[b] for a, b in pairs}},
+        poses,
+        read_pose,
+        place=lambda block: block[0][0],
+    )
+    color_files, depth_of = [color[i] for i in matched.frames], dict(pairs.tolist())
+    lens = matrix_lens(str(path), *first_size(color_files), camera_matrix(path / "intrinsics.txt"))
+    depth_files = [depth[depth_of[i]] for i in matched.frames]
+    return FileFrames(color_files, depth_files, [lens], [lens], _rotated_back(SUN3D.depth_unit_m)).recording(
+        SUN3D, path, frame_names=names_of(color_files), **matched.members(ROTATED_NOTE)
+    )
+
+
+SUN3D_READER = Reader(SUN3D, _is_sun3d, _open_sun3d)
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from scans_folders import (
     replica,
     scannet,
     sens,
+    sun3d,
     tum,
 )
 from scans_mcap import foxglove_mcap, ros1_mcap
@@ -40,7 +41,7 @@ pytestmark = pytest.mark.slow
 WRITERS = [tum, bundle_fusion, scannet, replica, nerfstudio, habitat, habitat_classes, arkit, polycam, record3d_zip,
            record3d_folder, record3d_exr, ros1_bag, ros2_sqlite, ros2_mcap, rerun_rrd, sens, lidar,
            cloud_bag, instant_ngp, redwood, rtabmap, slam_folder, stray_scanner, foxglove_mcap,
-           ros1_mcap, colmap, pose_lines, matrix_lines, amazon]  # fmt: skip
+           ros1_mcap, colmap, pose_lines, matrix_lines, amazon, sun3d]  # fmt: skip
 
 
 class Segmented:

@@ -85,6 +85,24 @@ def bundle_fusion(folder: Path) -> Sample:
     return Sample(path, write_reference(folder / "reference", k, LEANING), exact_color=False, lossless=False)
 
 
+def sun3d(folder: Path) -> Sample:
+    """As SUN3D has it: depth's bits rotated, 4 ms after the picture; the second depth image was dropped."""
+    k, path, poses = camera(), folder / "harvard" / "lounge", []
+    for i in range(FRAMES + 1):
+        index = i - (i > 1)
+        depth_m, ids = look(k, map_pose(index))
+        write_image(path / f"image/{i + 1:07d}-{33_000 * i:012d}.jpg", COLORS[ids])
+        if i != 1:
+            stored = steps(depth_m)
+            write_depth(path / f"depth/{i + 1:07d}-{33_000 * i + 4_000:012d}.png", stored << 3 | stored >> 13)
+        poses += [row(line) for line in LEANING.pose(index)[:3]]
+    (path / "extrinsics").mkdir()
+    (path / "extrinsics/20130512130736.txt").write_text("1 0 0 0\n0 1 0 0\n0 0 1 0\n")
+    (path / "extrinsics/20140808220511.txt").write_text("\n".join(poses))
+    (path / "intrinsics.txt").write_text(rows(k.matrix()))
+    return Sample(path, write_reference(folder / "reference", k, LEANING), exact_color=False)
+
+
 def seven_scenes(folder: Path) -> Sample:
     """A Kinect's two cameras 25 mm apart; poses are the depth camera's. The reference is seen by the colour camera."""
     depth_camera = Intrinsics(640, 480, 585.0, 585.0, 320.0, 240.0)
