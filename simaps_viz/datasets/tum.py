@@ -64,7 +64,10 @@ PICTURES, DEPTH_IMAGES = ("color", "rgb", "images"), "*.p[ng][gm]"
 MATRICES = ("intrinsics.txt", "intrinsic.txt", "K.txt")
 LISTS = ("associations.txt", "*assoc*.txt", "rgb-depth*.txt")
 """Names that people give what associate.py prints; the first that is there counts."""
-TRAJECTORIES = ("groundtruth.txt", "CameraTrajectory.txt", "KeyFrameTrajectory.txt", "trajectory.txt")
+ICL = ".gt.freiburg"
+"""How ICL-NUIM's trajectories end, whose world is left-handed."""
+ICL_FLIP = np.diag([1.0, -1.0, 1.0, 1.0])
+TRAJECTORIES = ("groundtruth.txt", "CameraTrajectory.txt", "KeyFrameTrajectory.txt", "trajectory.txt", f"*{ICL}")
 NANOSECONDS = 1e11
 """Times from there on are no seconds: ORB-SLAM3 saves nanoseconds as EuRoC has them."""
 FEW_LINES = 20
@@ -160,11 +163,12 @@ def _open_slam(path: Path) -> Recording:
         color_files, depth_files = (
             [file for file, kept in zip(files, known, strict=True) if kept] for files in (color_files, depth_files)
         )
-    lens, unit_m, source = camera_of(path, color_files[0])
+    is_icl = poses_file.name.endswith(ICL)
+    lens, unit_m, source = camera_of(path, color_files[0], known="icl-nuim" if is_icl else "")
     return FileFrames(color_files, depth_files, [lens], [lens], depth_png(unit_m)).recording(
         SLAM,
         path,
-        poses=poses,
+        poses=ICL_FLIP @ poses @ ICL_FLIP if is_icl else poses,
         depth_unit_m=unit_m,
         notes=(f"camera: {source}; depth: {unit_m:g} m a step", *notes),
         faults=(*missing, *lost),
@@ -320,14 +324,19 @@ CAMERAS: dict[str, tuple[float, ...]] = {
     "freiburg1": (517.3, 516.5, 318.6, 255.3, 0.2624, -0.9531, -0.0054, 0.0026, 1.1633),
     "freiburg2": (520.9, 521.0, 325.1, 249.7, 0.2312, -0.7849, -0.0033, -0.0001, 0.9172),
     "freiburg3": (535.4, 539.2, 320.1, 247.6),
+    "icl-nuim": (481.2, 480.0, 319.5, 239.5),
     BONN: (542.822841, 542.576870, 315.593520, 237.756098, 0.039903, -0.099343, -0.000730, -0.000144, 0.0),
 }
-"""fx, fy, cx, cy, then k1, k2, p1, p2, k3, as the pages of TUM's and Bonn's datasets give them."""
+"""fx, fy, cx, cy, then k1, k2, p1, p2, k3, as the pages of TUM's, ICL-NUIM's and Bonn's datasets give them.
+
+ICL-NUIM's has -480 for fy, with its left-handed world: turned right-handed, it is 480.
+"""
 CALIBRATED_SIZE = (640, 480)
+FOLDER = "the folder's name"
 
 
 def camera_of(
-    path: Path, color_file: Path, *, by_folder: bool = False, unit_m: float = DEPTH_UNIT_M
+    path: Path, color_file: Path, *, by_folder: bool = False, known: str = "", unit_m: float = DEPTH_UNIT_M
 ) -> tuple[Lens, float, str]:
     """Return the camera of a folder's pictures, the unit of its depth in metres, and who says so.
 
@@ -340,6 +349,7 @@ def camera_of(
         path: the folder.
         color_file: a picture in it.
         by_folder: the folder's name counts; people call theirs as TUM's, too, so that programs take them.
+        known: the recording's name in `CAMERAS`, where something else tells it.
         unit_m: the unit where none is said.
 
     Raises:
@@ -356,9 +366,10 @@ def camera_of(
     for file in sorted([*path.glob("*.yaml"), *path.glob("*.yml")]):
         if (settings := _orb_slam(file, (width, height))) is not None:
             return *settings, file.name
-    for text, source in ((_head(path / "rgb.txt"), "rgb.txt"), (path.resolve().name.lower(), "the folder's name")):
+    named = [(_head(path / "rgb.txt"), "rgb.txt"), (known, f"{known.upper()}'s"), (path.resolve().name.lower(), FOLDER)]
+    for text, source in named:
         key = next((k for k in CAMERAS if k in text or k.replace("freiburg", "fr") + "_" in text), None)
-        if key is None or (source != "rgb.txt" and not by_folder):
+        if key is None or (source == FOLDER and not by_folder):
             continue
         if (width, height) != CALIBRATED_SIZE:
             expected = "x".join(map(str, CALIBRATED_SIZE))

@@ -28,6 +28,7 @@ from scans_slam import (
     slam_folder,
     stray_scanner,
 )
+from scipy.spatial.transform import Rotation
 
 from simaps_viz import open_sequence
 from simaps_viz.datasets.calibration import Lens, see_through
@@ -134,6 +135,29 @@ def test_stray_scanner_s_depth_before_2022_is_floats_in_metres(tmp_path):
     assert found.frame_names == expected.frame_names
     for i in range(len(expected)):
         np.testing.assert_allclose(found.read(i).depth_m, expected.read(i).depth_m, atol=1e-6)
+
+
+def test_icl_nuim_s_left_handed_world_and_camera(tmp_path):
+    """Its fy is -480: poses are those of a camera whose y points up, in a world turned inside out."""
+    usual, other = slam_folder(tmp_path / "usual").path, slam_folder(tmp_path / "other").path
+    for path in (usual, other):
+        for file in [*path.glob("rgb/*"), *path.glob("depth/*")]:
+            picture = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+            assert picture is not None
+            cv2.imwrite(str(file), cv2.resize(picture, (640, 480), interpolation=cv2.INTER_NEAREST))
+    (usual / "office.yaml").unlink()
+    np.savetxt(usual / "intrinsics.txt", [[481.2, 0, 319.5], [0, 480.0, 239.5], [0, 0, 1]])
+    (other / "office.yaml").unlink()
+    flip, lines = np.diag([1.0, -1.0, 1.0]), []
+    for line in (other / "CameraTrajectory.txt").read_text().splitlines():
+        time, *row = map(float, line.split())
+        turned = Rotation.from_matrix(flip @ Rotation.from_quat(row[3:]).as_matrix() @ flip).as_quat()
+        lines.append(" ".join(f"{x:.12g}" for x in (time, *(flip @ row[:3]), *turned)))
+    (other / "CameraTrajectory.txt").unlink()
+    (other / "livingRoom1.gt.freiburg").write_text("\n".join(lines))
+    found, expected = open_sequence(other), open_sequence(usual)
+    np.testing.assert_allclose(found.poses, expected.poses, atol=1e-6)
+    assert found.intrinsics == expected.intrinsics and found.notes[0].startswith("camera: ICL-NUIM's;")
 
 
 def test_orb_slam3_s_times_may_be_nanoseconds(tmp_path):
