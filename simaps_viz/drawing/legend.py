@@ -134,7 +134,7 @@ def _one_of(simap: SIMap, label: str, doubtful: Collection[int], doubt: str) -> 
     count = count_text(ones, doubtful)
     if doubt:
         why = "doubtful: seen too little to count" if doubt == "doubtful" else doubt
-        return f"{why}; of this class there are {count}"
+        return f"{why}; of this class there are {count.replace(' more doubtful', ' doubtful')}, this one included"
     return f"one of {count}" if len(ones) > 1 else "the only one"
 
 

@@ -982,15 +982,13 @@ class Sets(Grounding):
         return self._sorted_by(found, self._scores(found.items, key, of), key)
 
     def _near_words(self, found: Things, key: str, of: Any) -> str:
-        """Say what things are nearest to: "nearest to the lamp", and after what says that already "nearest to it"."""
+        """Return what things are nearest to: "nearest to the lamp", also of those that are within 3 m of it."""
         if self._point_of(of) is not None or self.room_of(of) is not None:
             return ""
         others = self.set_of(of)
-        told = bool(found.after and others.items) and found.after.endswith(others.the)
-        if found.after and not told:
+        if found.after and not (others.items and found.after.endswith(others.the)):
             return ""
-        the = others.the if not told else "them" if len(others) > 1 else "it"
-        return f"{found.after} {SAID['most'][key]} {'from' if key == 'far' else 'to'} {the}".strip()
+        return f"{SAID['most'][key]} {'from' if key == 'far' else 'to'} {others.the}"
 
     def _sorted_by(self, found: Things, score: Sequence[float] | NDArray, key: str) -> Things:
         """Return a set in the order of a score, with the levels at which the map can tell one from another.
@@ -1078,7 +1076,17 @@ class Sets(Grounding):
             )
         chosen = self._first(ranked, n)
         from_here = isinstance(of, str) and of in ("", SELF)
+        if key == "near" and len(chosen) == 1:
+            self._note_anchors(self._end_of(chosen.items[0], of))
         return self._with_surer(chosen, ranked, from_here=from_here) if key == "near" else chosen
+
+    def _end_of(self, item: Any, of: Any) -> Instance | None:
+        """Return which of some things is the nearest to what was chosen by them; None for points and rooms."""
+        if self._point_of(of) is not None or self.room_of(of) is not None:
+            return None
+        others = self.set_of(of).items
+        _, nearest = self.nearest_of(self._pack([item]), self._pack(others))
+        return others[int(nearest[0])]
 
     def _with_surer(self, chosen: Things, ranked: Things, *, from_here: bool = True) -> Things:
         """Return the nearest with the nearest that is not doubtful, if itself is.

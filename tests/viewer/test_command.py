@@ -196,7 +196,10 @@ def test_a_stop_on_the_far_side_has_its_reason():
         said = answer(simap, "go to the counter", start)
         assert said.status == "ok" and (said.final_pose.y_m > 3.6) == beyond
         name = simap.of_class("counter")[0].name
-        assert beyond_text(simap, said).startswith(f"It stops on the far side of {name}: nowhere on the near") == beyond
+        assert (
+            beyond_text(simap, said).startswith(f"It stops on the far side of {name}, as seen from the start: nowhere")
+            == beyond
+        )
         assert beyond_text(simap, answer(simap, "go to the north side of the counter", start)) == ""  # as it was asked
     # From the west that stop is at its side, and from the north-east it is on the near one.
     for x_m, y_m, beyond in ((0.6, 3.2, False), (0.6, 1.0, True), (5.5, 5.0, False)):

@@ -125,7 +125,7 @@ def test_the_list_marks_where_errors_end_and_what_a_slider_has_to_do_with_one(mo
         before = [row for row in panel._rows if row.visible and row.order < panel._end.order]
         assert panel._end.visible and len(before) == len(errors_of)
         every, wrong = len(panel._entries), len(errors_of)
-        assert f"1 to {every} of {every}: {wrong} error, the other {every - wrong} right or very small." in (
+        assert f"1 to {every} of {every} not exact: {wrong} error, the other {every - wrong} right or very small." in (
             panel._place.content
         )
     finally:

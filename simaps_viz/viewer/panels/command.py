@@ -165,7 +165,8 @@ def beyond_text(simap: SIMap, answer: Answer) -> str:
     start, stop, name = answer.path_m[0], answer.path_m[-1], simap.by_id(goal.instance).name
     cells = simap.spec.centres_of(*np.nonzero(simap.instance == goal.instance))
     if len(cells) and _is_beyond(cells, start, stop):
-        return f"It stops on the far side of {name}: nowhere on the near side is there room to get as close."
+        reason = "nowhere on the near side is room to get as close"
+        return f"It stops on the far side of {name}, as seen from the start: {reason}."
     away_m = np.hypot(*(cells - stop).T).min() if len(cells) else 0.0
     return f"It stops {away_m:.1f} m from {name}: nowhere nearer is there room for it." if away_m > FAR_M else ""
 
@@ -342,6 +343,12 @@ def pose_of_sides(answer: Answer) -> Pose2 | None:
         elif _SIDE.search(step.goal.words):
             return before
     return None
+
+
+def _ordered(why: Sequence[str], notes: Sequence[str]) -> tuple[str, ...]:
+    """Return all that is said of an answer: first what the map cannot tell, as the rest builds on what was taken."""
+    ties = [note for note in notes if note.startswith("The map cannot tell")]
+    return (*ties, *why, *(note for note in notes if note not in ties))
 
 
 def _undistanced(text: str) -> str:
@@ -572,7 +579,7 @@ GOAL_M = 0.25
 """Half the side of the square around the robot's final position that is kept free of labels."""
 STOPS = "stops here"
 WORKS, NEAREST = "These work here, for example:", "If the nearest one is meant all the same:"
-MEANS = "Doubtful is what was seen too little to count."
+MEANS = "Doubtful is what was seen too little to be sure of; the map counts it apart."
 WELCOME, TYPING = "Try an example, or type what the robot shall do.", "Go sends it."
 READING, PAST = "Reading it …", "The map is shown as it was: Go does this on the finished one."
 
@@ -1029,10 +1036,10 @@ class CommandPanel(Panel):
             self._draw(_with_path(self._marks, answer))
         if answer.answer is not None and not answer.goals:
             about = anchors_text(self._page.simap, answer, doubtful_on(self._page))
-            self._show_typed("", "A question: Go answers it.", (*about, *answer.notes))
+            self._show_typed("", "A question: Go answers it.", _ordered(about, answer.notes))
         else:
             title = "Go does this" if self._phase == "idle" else "Go ends this drive, and does this"
-            self._show_typed(title, outcome_text(answer), (*why, *answer.notes))
+            self._show_typed(title, outcome_text(answer), _ordered(why, answer.notes))
 
     def _end_typing(self) -> None:
         if self._typing is not None:
@@ -1163,7 +1170,7 @@ class CommandPanel(Panel):
         done = "Done" if answer.answer is None else "Answer"
         title, tone = {"ok": (done, "good"), "refused": ("Refused", "bad")}.get(answer.status, ("Failed", "bad"))
         undone = (NOTHING_DONE,) if answer.status != "ok" and (answer.line or 0) > 1 else ()
-        more = (*undone, *self._why, *answer.notes)
+        more = (*undone, *_ordered(self._why, answer.notes))
         self._show_result(title, outcome_text(answer), tone, more, answer.suggestions)
         self._preview_another()
 
@@ -1245,7 +1252,9 @@ class CommandPanel(Panel):
         another = phase in _TITLES and self._types_another  # it is read; the first button sends it
         if phase in _TITLES and self._answer is not None and not another:
             waits = line_text(self._answer.program or "", self._line) if phase == "paused" else ""
-            self._show_result(_TITLES[phase], outcome_text(self._answer), more=(waits, *self._why, *self._answer.notes))
+            self._show_result(
+                _TITLES[phase], outcome_text(self._answer), more=(waits, *_ordered(self._why, self._answer.notes))
+            )
         buttons = "Go" if another else _FIRST[phase], _FIRST[phase] if another else "Step", "Stop"
         if tuple(self._run.options) != buttons:
             self._run.options = buttons

@@ -181,10 +181,10 @@ class ErrorsPanel(Panel):
             self._more.order = self._rows[self._chosen - self._first].order + 0.25
 
     def _all(self) -> str:
-        """Return how many entries and errors there are: "93: 1 error, the other 92 right or very small"."""
+        """Return how many entries and errors there are: "93 not exact: 1 error, the other 92 right or very small"."""
         every, wrong = len(self._entries), sum(one.wrong for one in self._entries)
         rest = f"{plural(wrong, 'error')}, the other {every - wrong} right or very small"
-        return f"{every}{f': {rest}' if self._which.value == ERRORS and wrong < every else ''}"
+        return f"{every}{f' not exact: {rest}' if self._which.value == ERRORS and wrong < every else ''}"
 
     def _turn(self, step: int) -> None:
         last = max(0, (len(self._entries) - 1) // LISTED * LISTED)

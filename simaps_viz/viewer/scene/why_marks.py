@@ -36,8 +36,8 @@ SMALL_M = 1.2
 """The number of a neighbour up to this size is next to it; that of a larger one is where the link ends."""
 NODES: dict[str, tuple[Color, float]] = {
     "cut": (CUT, 3.5),
-    "source": (SOURCE, 2.5),
     "target": (TARGET, 2.5),
+    "source": (SOURCE, 2.5),
     "links": (LINK, 2.0),
     "other": (OTHER, 2.5),
 }

@@ -193,6 +193,14 @@
   const isWhole = (box) => box[0] >= 0 && box[1] >= 0 && box[2] <= width && box[3] <= height;
   const SIDES = [[0, -1], [1, 0], [-1, 0], [0, 1], [1, -1], [-1, -1], [1, 1], [-1, 1]];
   const AT = [0, -1, 1, -2, 2, -3, 3];
+  const liesOn = (box, own) => {  // whether a text lies on another object than its own, which would seem to be called so
+    const [left, top, right, bottom] = box, steps = [0, 0.25, 0.5, 0.75, 1];
+    return steps.some((i) => [top, bottom].some((y) => {
+      const [col, row] = cellAt(toScreen, left + i * (right - left), y);
+      const id = col >= 0 && row >= 0 && col < map.cols && row < map.rows ? map.ids[row * map.cols + col] : 0;
+      return id && id !== own;
+    }));
+  };
   // What the page was sent: beside what it names, not over it, and whole where there is room; the first is always there.
   const writeTexts = (taken, under) => {
     const flat = state.view === TOP, things = [], said = [], isMeant = texts.some(([kind]) => kind === 'command');
@@ -229,7 +237,7 @@
       if (!one || !one.cells) continue;
       const to = at(toScreen, ...cellToMap(one.x, one.y)), from = [0, 1].map((i) => Math.min(Math.max(to[i], box[i]), box[i + 2]));
       const reach = Math.min(thing[2] - thing[0], thing[3] - thing[1]) / 2;  // about as far as its cells go
-      if (Math.hypot(to[0] - from[0], to[1] - from[1]) > LEADER_PX + reach) leaders.push([from, to]);
+      if (Math.hypot(to[0] - from[0], to[1] - from[1]) > LEADER_PX + reach || liesOn(box, id)) leaders.push([from, to]);
     }
   };
   // Large objects first; a name is left out where it would cover another or the middle of a larger object, which would
