@@ -611,8 +611,12 @@ class RobotState:
 
 def _with_path(marks: Marks, answer: Answer) -> Marks:
     """Return marks with the path of an answer too, and the stops at what it goes to on the way."""
-    drives = [goal for goal in answer.goals if goal.instance and goal.primitive not in TURNS]
-    return replace(marks, path_m=answer.path_m, stops_m=tuple(goal.point_m for goal in drives))
+    return replace(marks, path_m=answer.path_m, stops_m=_stops(answer))
+
+
+def _stops(answer: Answer) -> tuple[tuple[float, float], ...]:
+    """Return where the robot stops at what it goes to."""
+    return tuple(goal.point_m for goal in answer.goals if goal.instance and goal.primitive not in TURNS)
 
 
 class CommandPanel(Panel):
@@ -955,7 +959,8 @@ class CommandPanel(Panel):
         """Outline and number what a command means, or an answer speaks of, and dim all else; ``stop`` names the end."""
         goal = Label(stop, answer.final_pose.x_m, answer.final_pose.y_m, GOAL_M, GOAL_M)
         goals = {number for one in answer.goals for number in (one.instance, one.other_instance) if number}
-        self._draw(Marks(labels=(*labels, goal)))
+        stops = [Label("", x, y, GOAL_M, GOAL_M) for x, y in _stops(answer)]  # kept free, as they are ringed
+        self._draw(Marks(labels=(*labels, goal, *stops)))
         meant = frozenset((*answer.anchors, *(goals if answer.answer is None else answer.answer["instances"])))
         self._light(meant)
         if not self._follower.on:
