@@ -124,6 +124,8 @@ def test_why_this_one_is_said_with_the_distances_of_the_others():
 
 def test_whose_left_is_meant_is_said_once():
     assert sides_text("To the second chair.", TOY_POSE) == ""
+    of_it = sides_text("There are 8 chairs to the left of the refrigerator.", TOY_POSE)
+    assert of_it == "Left: as seen from the robot, if it faced that thing."
     assert sides_text("There is a chair to the left of it, ahead on your left.", TOY_POSE) == (
         "Left, ahead: as seen from the robot, which looks east."
     )
@@ -185,6 +187,18 @@ def test_two_things_of_one_class_are_called_by_their_names():
     assert said.startswith("Between ") and all(name in said for name in tables)
     asked = answer(toy_map(), "what is between the dining table and the dining table?", TOY_POSE)
     assert all(name in outcome_text(asked) for name in tables)
+
+
+def test_of_several_stops_those_far_from_what_they_are_about_are_said():
+    simap = toy_map()
+    couch, chair = simap.of_class("couch")[0], simap.of_class("chair")[0]
+    said = answer(simap, "visit the couch, then the chair", TOY_POSE)
+    assert len(said.goals) == 2 and beyond_text(simap, said) == ""
+    x, y, _ = couch.centroid_m
+    off = replace(said.goals[0], instance=couch.id, point_m=(x + 5.0, y))
+    text = beyond_text(simap, replace(said, goals=(off, said.goals[1])))
+    assert re.fullmatch(rf"It stops 4\.\d m from {couch.name}: nowhere nearer is there room for it\.", text)
+    assert chair.name not in text
 
 
 def test_a_stop_on_the_far_side_has_its_reason():

@@ -60,6 +60,7 @@ _KEYS_LATE_S = 0.1
 _NTH = ("", "", "second ", "third ", "fourth ", "fifth ", "sixth ", "seventh ", "eighth ", "ninth ", "tenth ")
 _MAX_LISTED = 4
 _SIDE = re.compile(r"\b(left|right|in front|behind|ahead)(?:most)?\b")
+_SIDE_OF_IT = re.compile(r"\b(?:left|right) (?:side )?of the\b")
 SEEN = "as seen from the robot"
 DOUBTFUL = 0.25
 """From this weight of its doubts on it is said that an object that is meant may be wrong."""
@@ -157,7 +158,9 @@ def each_why(answer: Answer, candidates_at: CandidatesAt, pose: Pose2, *, most: 
 
 def beyond_text(simap: SIMap, answer: Answer) -> str:
     """Explain why the robot stops far from the thing that it is sent to or on its far side; empty where it does not."""
-    goal = answer.goals[0] if len(answer.goals) == 1 and len(answer.path_m) > 1 else None
+    if len(answer.goals) > 1:
+        return _short_stops(simap, answer)
+    goal = answer.goals[0] if answer.goals and len(answer.path_m) > 1 else None
     if goal is not None and goal.instance and goal.other_instance:
         return _aside_text(simap.by_id(goal.instance), simap.by_id(goal.other_instance), answer.path_m[-1])
     if goal is None or goal.primitive not in ("move_to_object", "move_to_nth_closest") or not goal.instance:
@@ -169,6 +172,18 @@ def beyond_text(simap: SIMap, answer: Answer) -> str:
         return f"It stops on the far side of {name}, as seen from the start: {reason}."
     away_m = np.hypot(*(cells - stop).T).min() if len(cells) else 0.0
     return f"It stops {away_m:.1f} m from {name}: nowhere nearer is there room for it." if away_m > FAR_M else ""
+
+
+def _short_stops(simap: SIMap, answer: Answer) -> str:
+    """Return which stops of several are far from the thing that they are about; empty where none is."""
+    found = []
+    for goal in answer.goals:
+        if goal.primitive in ("move_to_object", "move_to_nth_closest") and goal.instance:
+            cells = simap.spec.centres_of(*np.nonzero(simap.instance == goal.instance))
+            away_m = np.hypot(*(cells - goal.point_m).T).min() if len(cells) else 0.0
+            if away_m > FAR_M:
+                found.append(f"{away_m:.1f} m from {simap.by_id(goal.instance).name}")
+    return f"It stops {', '.join(found)}: nowhere nearer is there room for it." if found else ""
 
 
 def _is_beyond(cells: NDArray, start: NDArray, stop: NDArray) -> bool:
@@ -274,6 +289,8 @@ def sides_text(text: str, pose: Pose2, then: Pose2 | None = None) -> str:
         then: of the robot when the sides are meant; None = now.
     """
     sides = {} if SEEN in text else dict.fromkeys(_SIDE.findall(text))
+    if sides and _SIDE_OF_IT.search(text):  # of a thing, not of the robot
+        return f"{_cap(', '.join(sides))}: {SEEN}, if it faced that thing."
     looks = f"looks {pose.looks}" if then is None or then.looks == pose.looks else f"looks {then.looks} by then"
     return f"{_cap(', '.join(sides))}: {SEEN}, which {looks}." if sides else ""
 
