@@ -142,7 +142,7 @@ def _stroke(color: Color) -> str:
     )
 
 
-WHY_WORDS = ("Cell", "Mask", "Community", "Merge step", "Joint", "Sighting")
+WHY_WORDS = ("Cell", "Mask", "Community", "Merge step", "Joint", "Sighting", "Imagined")
 ROWS = 6
 """Rows of the table of merge steps."""
 MAX_NEIGHBOURS = 8
