@@ -131,16 +131,16 @@ def _numbered(sparse: Path) -> list[Path]:
 def _rough(depth_files: list[Path]) -> tuple[str, ...]:
     """Return the note that some depth maps are COLMAP's first guess, which no other picture had to agree with."""
     rough = sum(file.name.endswith(_ENDS[-1]) for file in depth_files)
-    return (f"{rough} of {len(depth_files)} frames have only a photometric depth map, which is rough",) * bool(rough)
+    note = f"{rough} of {len(depth_files)} frames have only a photometric depth map, which is rough"
+    return (note,) if rough else ()
 
 
 def _parts(path: Path, model: Path) -> tuple[str, ...]:
     """Return the note that pictures fell into several reconstructions, of which one is read."""
-    others = [f.name for f in _numbered(model.parent) if f != model and list(f.glob("images.*"))]
-    read, count = model.relative_to(path).as_posix(), len(others) + 1
-    return (f"of {count} reconstructions, which share no frame of reference, the largest is read: {read}",) * bool(
-        others
-    )
+    count = sum(any(f.glob("images.*")) for f in _numbered(model.parent))
+    read = model.relative_to(path).as_posix()
+    note = f"of {count} reconstructions, which share no frame of reference, the largest is read: {read}"
+    return (note,) if count > 1 else ()
 
 
 def _depths(path: Path) -> Path | None:

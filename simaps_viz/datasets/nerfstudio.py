@@ -31,6 +31,7 @@ from simaps_viz.datasets.images import image_size
 from simaps_viz.datasets.manifest import read_json, shown
 from simaps_viz.datasets.record3d import read_exr
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, first_readable, left_out
+from simaps_viz.datasets.sequence import DEPTH_RANGE_M
 from simaps_viz.errors import InputError
 from simaps_viz.io.limits import MAX_IMAGE_BYTES, check_picture, read_bytes
 
@@ -48,8 +49,6 @@ UNITS = ("depth_unit_scale_factor", "integer_depth_scale", "depth_integer_scale"
 """Keys of the depth images' unit, metres: nerfstudio's, instant-ngp's, and the one NeRFCapture writes for it."""
 PICTURES = (".png", ".jpg", ".jpeg", ".PNG", ".JPG")
 FLOATS = (".npy", ".exr", ".tif", ".tiff")
-NEAREST_M, FARTHEST_M = 0.15, 30.0
-"""The median depth of a room lies between these."""
 FISHEYE = "OPENCV_FISHEYE"
 PINHOLES = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
 
@@ -171,7 +170,8 @@ def _unit(file: Path, content: dict[str, Any], depth_files: Sequence[Path]) -> t
     if depth_files[0].suffix.lower() in FLOATS:
         depth = first_readable(lambda i: _read_depth(depth_files[i], 1.0), len(depth_files))
         median = float(np.median(depth[depth > 0])) if (depth > 0).any() else 0.0
-        if NEAREST_M < median < FARTHEST_M and median * FACTS.depth_unit_m < NEAREST_M:
+        nearest_m, farthest_m = DEPTH_RANGE_M
+        if nearest_m < median < farthest_m and median * FACTS.depth_unit_m < nearest_m:
             return 1.0, (
                 f"depth is taken as metres: {file.name} states no {UNITS[0]}, and as millimetres what "
                 f"{depth_files[0].name} shows would be {median:.2g} mm away",

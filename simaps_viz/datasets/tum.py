@@ -79,10 +79,11 @@ MAX_POSE_GAP_S = 0.2
 
 BONN = "rgbd_bonn"
 BONN_WORLD = np.array([[-1.0, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
-BONN_CAMERA = np.array(
-    [[1.0157, 0.1828, -0.2389, 0.0113], [0.0009, -0.8431, -0.6413, -0.0098], [-0.3009, 0.6147, -0.8085, 0.0111]]
+BONN_CAMERA = np.eye(4)
+BONN_CAMERA[:3, :3] = nearest_rotation(
+    np.array([[1.0157, 0.1828, -0.2389], [0.0009, -0.8431, -0.6413], [-0.3009, 0.6147, -0.8085]])
 )
-BONN_CAMERA = np.vstack([np.column_stack([nearest_rotation(BONN_CAMERA[:, :3]), BONN_CAMERA[:, 3]]), (0, 0, 0, 1)])
+BONN_CAMERA[:3, 3] = 0.0113, -0.0098, 0.0111
 """From the motion capture's axes to its world's, and from the camera to the markers, as Bonn's page has them.
 
 The latter also scales by 1.059 there, which poses do not need.

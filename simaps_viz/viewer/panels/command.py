@@ -166,11 +166,11 @@ def beyond_text(simap: SIMap, answer: Answer) -> str:
     if goal is None or goal.primitive not in ("move_to_object", "move_to_nth_closest") or not goal.instance:
         return ""
     start, stop, name = answer.path_m[0], answer.path_m[-1], simap.by_id(goal.instance).name
-    cells = simap.spec.centres_of(*np.nonzero(simap.instance == goal.instance))
+    cells = _cells_of(simap, goal.instance)
     if len(cells) and _is_beyond(cells, start, stop):
         reason = "nowhere on the near side is room to get as close"
         return f"It stops on the far side of {name}, as seen from the start: {reason}."
-    away_m = np.hypot(*(cells - stop).T).min() if len(cells) else 0.0
+    away_m = _gap_m(cells, stop)
     return f"It stops {away_m:.1f} m from {name}: nowhere nearer is there room for it." if away_m > FAR_M else ""
 
 
@@ -179,11 +179,20 @@ def _short_stops(simap: SIMap, answer: Answer) -> str:
     found = []
     for goal in answer.goals:
         if goal.primitive in ("move_to_object", "move_to_nth_closest") and goal.instance:
-            cells = simap.spec.centres_of(*np.nonzero(simap.instance == goal.instance))
-            away_m = np.hypot(*(cells - goal.point_m).T).min() if len(cells) else 0.0
+            away_m = _gap_m(_cells_of(simap, goal.instance), goal.point_m)
             if away_m > FAR_M:
                 found.append(f"{away_m:.1f} m from {simap.by_id(goal.instance).name}")
     return f"It stops {', '.join(found)}: nowhere nearer is there room for it." if found else ""
+
+
+def _cells_of(simap: SIMap, number: int) -> NDArray:
+    """Return the centres of the cells that show an object, float64 [n, 2], map frame, metres."""
+    return np.asarray(simap.spec.centres_of(*np.nonzero(simap.instance == number)))
+
+
+def _gap_m(cells: NDArray, point_m: Any) -> float:
+    """Return how far a point is from the nearest of some cells' centres, metres; 0 without cells."""
+    return float(np.hypot(*(cells - point_m).T).min()) if len(cells) else 0.0
 
 
 def _is_beyond(cells: NDArray, start: NDArray, stop: NDArray) -> bool:
@@ -207,14 +216,14 @@ def stop_text(simap: SIMap, answer: Answer) -> str:
     if goal is None or not goal.instance or goal.other_instance or goal.primitive in TURNS:
         return ""
     one, pose, end = simap.by_id(goal.instance), answer.final_pose, answer.path_m[-1]
-    cells = simap.spec.centres_of(*np.nonzero(simap.instance == goal.instance))
+    cells = _cells_of(simap, goal.instance)
     if not (len(cells) and np.allclose(goal.point_m, end)):  # nothing shows it, or the robot drove on
         return ""
     x, y = np.subtract(one.centroid_m[:2], end)
     side = round(2.0 * wrap_angle(float(np.arctan2(y, x)) - pose.yaw_rad) / np.pi)
     where = ("", "on its left", "behind it", "on its right")[side % 4]
     turned = f', and the robot has that {where} then: add "and face it" to have it turn' if where else ""
-    return f"The path ends {np.hypot(*(cells - end).T).min():.2f} m from the edge of {one.name}{turned}."
+    return f"The path ends {_gap_m(cells, end):.2f} m from the edge of {one.name}{turned}."
 
 
 def _aside_text(first: Instance, second: Instance, stop: NDArray) -> str:

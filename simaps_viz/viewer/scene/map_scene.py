@@ -249,13 +249,13 @@ class MapScene:
     def show_path(self, points_m: NDArray, stops_m: Sequence[tuple[float, float]] = ()) -> None:
         """Draw a path on the floor, [n, 2], with a ring as wide as the robot at its end and its stops; n < 2: none."""
         points = np.asarray(points_m, np.float64).reshape(-1, 2)
-        stops = np.array(list(dict.fromkeys([*stops_m, tuple(points[-1])])) if len(points) > 1 else np.zeros((0, 2)))
-        turns = np.linspace(0.0, 2.0 * np.pi, RING_CORNERS + 1)
-        rings = stops[:, None] + ROBOT_RADIUS_M * np.column_stack([np.cos(turns), np.sin(turns)])
-        lines = [points, *rings] if len(points) > 1 else []
-        flat = [np.stack([line[:-1], line[1:]], axis=1) for line in lines]
-        segments = np.concatenate([np.zeros((0, 2, 2)), *flat])
-        segments = np.concatenate([segments, np.full((*segments.shape[:2], 1), 0.03)], axis=2)
+        lines = [points]
+        if len(points) > 1:
+            turns = np.linspace(0.0, 2.0 * np.pi, RING_CORNERS + 1)
+            ring = ROBOT_RADIUS_M * np.column_stack([np.cos(turns), np.sin(turns)])
+            lines += [ring + stop for stop in dict.fromkeys([*stops_m, tuple(points[-1].tolist())])]
+        flat = np.concatenate([np.stack([line[:-1], line[1:]], axis=1) for line in lines])
+        segments = np.pad(flat, ((0, 0), (0, 0), (0, 1)), constant_values=0.03)
         with self._lock:
             draw_lines(self._scene, "/path", segments, PATH, 4.0, visible=self._pictured is None)
 

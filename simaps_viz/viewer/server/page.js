@@ -244,7 +244,7 @@
   };
   // Words that are typed outside every box go to the command box: their letters are no keys of the page. So a letter
   // counts as one only when no other follows at once; those that lead to a box, or are held, count immediately.
-  const WRITES = 'input:not([type=checkbox]), textarea, select, [contenteditable], [role=dialog]';
+  const BOXES = 'textarea, select, input:not([type=checkbox]), [contenteditable]', WRITING = `${BOXES}, [role=dialog]`;
   const HELD_MS = 300, AT_ONCE = ['f', 'b'];
   let held = [], waits = 0, leads = false;
   const sendKey = ({ key, code, shiftKey, target }) => (target.isConnected && !target.matches('input') ? target : document.body).dispatchEvent(
@@ -264,7 +264,7 @@
   document.addEventListener('pointerdown', (event) => { if (event.isTrusted) letGo(); }, true);
   window.addEventListener('keydown', (event) => {
     const { key, target, repeat } = event, plain = !event.ctrlKey && !event.metaKey && !event.altKey;
-    const box = target.closest && target.closest(WRITES);
+    const box = target.closest && target.closest(WRITING);
     if (!event.isTrusted || !target.closest || (box && box !== leads) || key === 'Shift') return;
     if (!plain || key.length !== 1) { letGo(); return; }
     if (!held.length && (repeat || !/^[a-z]$/i.test(key) || AT_ONCE.includes(key) || !titled('Command'))) return;
@@ -280,7 +280,7 @@
     toBox('Command', 'Command', 10, new Set(), handOver);
   }, true);
   document.addEventListener('keydown', (event) => {
-    const busy = event.target.closest && event.target.closest(WRITES);
+    const busy = event.target.closest && event.target.closest(BOXES);
     if (busy || event.ctrlKey || event.metaKey || event.altKey) return;
     if (event.key === '/') { event.preventDefault(); toBox('Command', 'Command', 3); }
     if (event.key === 'f') { event.preventDefault(); toBox('Find', 'Instance', 3); }
@@ -291,7 +291,7 @@
   const peek = (event) => {
     const down = event.type === 'keydown';
     if (event.key !== 'b' || event.repeat || down === peeking || event.ctrlKey || event.metaKey || event.altKey) return;
-    if (down && event.target.closest && event.target.closest('input, textarea, [contenteditable]')) return;
+    if (down && event.target.closest && event.target.closest(BOXES)) return;
     const both = withText('Before and after') || withText('Showing before – press again for after');
     if (!both) return;
     peeking = down;
@@ -299,7 +299,6 @@
   };
   for (const kind of ['keydown', 'keyup']) document.addEventListener(kind, peek);
   // viser's keys miss Escape on a button whose hint is open, which keeps it, and on a box to tick; the page gets it then.
-  const WRITING = 'textarea, select, input:not([type=checkbox]), [contenteditable], [role=dialog]';
   let taken = null;
   document.documentElement.addEventListener('keydown', (event) => { taken = event; });
   const passEscape = (event) => {
