@@ -557,6 +557,27 @@ def test_a_press_on_a_name_selects_what_is_named_and_not_what_lies_under_it(benc
     panel._placing = None
 
 
+def test_a_press_on_the_name_of_what_is_selected_already_selects_what_lies_under_it(bench, page):
+    """Nothing else could be meant: a chair under the name of the selected table was not to be had."""
+    session, couch, (chair, *_) = mine(bench), bench.simap.of_class("couch")[0], bench.simap.of_class("chair")
+    session.select(couch.id)
+    page.locator(".simaps-chosen:visible", has_text=couch.name).wait_for()
+    x, y, _ = chair.centroid_m
+    session.scene.texts.show("selection", [Label(couch.name, x, y, id=couch.id)])
+    place = place_on(page, bench.simap, x, y)
+
+    def lies_there():
+        box = page.locator(".simaps-chosen:visible").bounding_box()
+        return box["x"] < place[0] < box["x"] + box["width"] and box["y"] < place[1] < box["y"] + box["height"]
+
+    until(page, lies_there)
+    page.mouse.move(*place)
+    expect(page.locator(".simaps-hint")).to_contain_text(chair.name)
+    page.mouse.click(*place)
+    until(page, lambda: session.selected == chair.id)
+    session.select(None)
+
+
 def test_a_finger_that_scrolls_over_a_slider_leaves_it_and_one_on_its_thumb_drags_it(bench, touched):
     page, fingers = touched
     track, thumb = (page.locator(f".mantine-Slider-{part}:visible").first for part in ("root", "thumb"))

@@ -232,7 +232,7 @@
       taken.push(box);
       const look = { selection: 'simaps-chosen', rooms: 'simaps-room', change: `simaps-other simaps-part-${(part - 1) % 3 + 1}` }[kind]
         || (text.startsWith('▶') ? 'simaps-meant' : 'simaps-other');
-      place(text, box, id, `simaps-text ${look}`);
+      place(text, box, kind === 'selection' ? 0 : id, `simaps-text ${look}`);  // a press on it means what it lies on
       const one = flat && map && kind !== 'selection' && map.objects.get(id);
       if (!one || !one.cells) continue;
       const to = at(toScreen, ...cellToMap(one.x, one.y)), from = [0, 1].map((i) => Math.min(Math.max(to[i], box[i]), box[i + 2]));
