@@ -391,7 +391,7 @@ def test_on_a_phone_it_opens_in_sight_and_a_finger_still_finds_the_page(opened, 
         expect(page.get_by_label("Colours").and_(page.locator("input"))).to_be_visible()
         expect(header).to_have_attribute("aria-expanded", "false")  # the map has its place again
         assert header.evaluate(back) == "none"
-        mine(opened.bench).unfold_recording()  # as Show frame does
+        mine(opened.bench).unfold_recording()  # as Map at frame does
         expect(header).to_have_attribute("aria-expanded", "true")
         build = page.get_by_role("tab", name="Build", exact=True)
         build.tap()

@@ -625,12 +625,22 @@ def test_another_reading_is_told_in_words():
             ('robot.move_to_object("piano")', ""),  # what cannot be done is not offered
             ('robot.move_to_object("couch", 1)', ""),  # nor what comes to the same
         ):
-            panel.ask("there")
-            until(lambda: "Done" in shown(bench))
-            assert re.search(words, panel._other_program.content) and panel._other.visible == bool(words)
+            for sent in (False, True):  # before it is sent, too
+                panel._text.value = "there"
+                if sent:
+                    panel.ask("there")
+                    until(lambda: "Done" in shown(bench))
+                else:
+                    panel._preview()
+                assert re.search(words, panel._other_program.content) and panel._other.visible == bool(words), sent
             assert "line 1" not in panel._other_program.content
             panel.reset()
             assert not panel._other.visible
+        others[0] = 'robot.move_to_object("potted plant")'
+        panel._preview()
+        panel.run_other_reading()
+        until(lambda: "Done" in shown(bench))
+        assert [goal.instance for goal in panel._answer.goals] == [9] and panel._other.visible
 
 
 def test_go_waits_for_the_keys_that_the_browser_still_holds_back(monkeypatch):

@@ -6,7 +6,7 @@ import math
 import re
 import threading
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from html import escape
 from itertools import zip_longest
@@ -908,7 +908,7 @@ class CommandPanel(Panel):
             raise
         if cancel.is_set():
             return
-        self._answer, self._readings = answer, self._other_readings(simap, answer, readings)
+        self._answer, self._readings = answer, tuple(self._other_readings(simap, answer, readings))
         self._begin(simap, answer, cancel, paused)
 
     def _answer_to(self, simap: SIMap, command: str, cancel: threading.Event, by_model: bool) -> Answer:
@@ -951,23 +951,22 @@ class CommandPanel(Panel):
         self._drive.start(planned, paused=paused)
         self._preview_another()
 
-    def _other_readings(self, simap: SIMap, answer: Answer, readings: Sequence[str]) -> tuple[str, ...]:
-        """Return the programs of other meanings that can be carried out from where the command was given.
+    def _other_readings(self, simap: SIMap, answer: Answer, readings: Sequence[str] = ()) -> Iterator[str]:
+        """Yield the programs of other meanings that can be carried out from where the command was given.
 
         Those that come to the same as the answer, or as one before them, are left out.
         """
         find, ask = self._services.candidates, self._services.ask
         if ask is None:
-            return ()
+            return
         by_others = [] if find is None else by_other_anchors(answer, functools.partial(find, simap), self._asked_at)
-        done, kept = [_done(answer)], []
+        done = [_done(answer)]
         for program in dict.fromkeys((*answer.alternatives, *by_others, *readings)):
             other = self._try(simap, program)
             is_empty = other.answer is not None and not other.answer["instances"]
             if other.status == "ok" and not is_empty and _done(other) not in done:
                 done.append(_done(other))
-                kept.append(program)
-        return tuple(kept)
+                yield program
 
     def _try(self, simap: SIMap, program: str) -> Answer:
         """Return what a program comes to from where the command was given."""
@@ -1071,6 +1070,17 @@ class CommandPanel(Panel):
         else:
             title = "Go does this" if self._phase == "idle" else "Go ends this drive, and does this"
             self._show_typed(title, outcome_text(answer), _ordered(why, answer.notes))
+        if self._phase == "idle":
+            self._preview_other_reading(answer, command)
+
+    def _preview_other_reading(self, answer: Answer, command: str) -> None:
+        """Offer what else the typed command could mean, before it is sent."""
+        simap, self._asked_at = self._page.simap, self._page.pose
+        program = next(self._other_readings(simap, answer), None)
+        words = "" if program is None else self._in_words(simap, self._try(simap, program))
+        if program is not None and self._previews and self._phase == "idle" and command == str(self._text.value):
+            self._answer, self._readings = answer, (program,)
+            self._show_other_reading(program, words)
 
     def _end_typing(self) -> None:
         if self._typing is not None:

@@ -40,7 +40,7 @@ _ID = re.compile(r"#(\d+)")
 """Edit logs write "chair #18"."""
 LIST_HINT = f"Select an object. Of more than {MAX_LISTED} only the largest are listed; Find finds them all."
 NO_VIEWS = "Its best views would come from the frames of this map, which are not on this machine."
-RECORDED_VIEWS = "The frames are not on this machine; Show frame goes to its best views in the recorded build."
+RECORDED_VIEWS = "The frames are not on this machine; Map at frame goes to its best views in the recorded build."
 WHOLE_MAP = "The north arrow shows the whole map."
 STEPS = "".join(
     f'<button type="button" data-find="{by}" title="{name}" aria-label="{name}">{sign}</button>'
@@ -237,8 +237,8 @@ class FrameGallery:
         self._frames: dict[str, int] = {}
         self._went: tuple[int | None, int] | None = None
         """The object, and the frame, that a button has gone to."""
-        hint = "Go to that frame of the build."
-        self._jump = page.gui.add_button_group("Show frame", ("-",), visible=False, hint=hint)
+        hint = "Show the map as it was after that frame, and the frame where the recorded build is at hand."
+        self._jump = page.gui.add_button_group("Map at frame", ("-",), visible=False, hint=hint)
         self._jump.on_click(lambda event: self._go(str(event.target.value)))
 
     def show(self, pictures: Sequence[NDArray], frames: dict[str, int]) -> None:
