@@ -135,7 +135,8 @@ def _one_of(simap: SIMap, label: str, doubtful: Collection[int], doubt: str) -> 
     if doubt:
         why = "doubtful: seen too little to count" if doubt == "doubtful" else doubt
         return f"{why}; of this class there are {count.replace(' more doubtful', ' doubtful')}, this one included"
-    return f"one of {count}" if len(ones) > 1 else "the only one"
+    alone = count.replace("1,", "the only one;", 1) if count.startswith("1,") else f"one of {count}"
+    return alone if len(ones) > 1 else "the only one"
 
 
 def count_text(ones: Collection[Instance], doubtful: Collection[int]) -> str:

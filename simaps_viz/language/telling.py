@@ -82,8 +82,8 @@ def _room_or(sets: "Sets", value: Any) -> Any:
 
 
 def place_of(sets: "Sets", thing: Instance) -> str:
-    """Describe where a thing is: "2.4 m away, on your left, in the kitchen"."""
-    words = [f"{sets.distance_m(thing):.1f} m away", _bearing(sets, np.array(thing.centroid_m[:2]))]
+    """Describe where a thing is: "2.4 m from you, on your left, in the kitchen"."""
+    words = [f"{sets.distance_m(thing):.1f} m from you", _bearing(sets, np.array(thing.centroid_m[:2]))]
     room = _room_name(sets, thing)
     return ", ".join([word for word in words if word] + ([f"in {room}"] if room else []))
 
@@ -308,7 +308,7 @@ def _rooms(sets: "Sets", found: Things, kind: str) -> Told:
         case "size":
             return f"{_cap(names[0])} covers {first.area_m2:.1f} m².", round(first.area_m2, 3), []
         case "where" | "whether":
-            away = f"{sets.distance_between(first, SELF):.1f} m away, {_bearing(sets, np.array(first.centre_m))}"
+            away = f"{sets.distance_between(first, SELF):.1f} m from you, {_bearing(sets, np.array(first.centre_m))}"
             place = "where you are" if here else away
             yes, value = ("Yes, ", True) if kind == "whether" else ("", first.name)
             return _cap(f"{yes}{names[0]} is {place}."), value, []

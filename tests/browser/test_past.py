@@ -94,7 +94,7 @@ def test_steps_and_frames_never_mix(bench, page):
     fill(page, "Frame", "5")
     until(page, lambda: not session.panels[StepsPanel]._slider.disabled)
     first = str(-bench.shared.timeline(session.simap).levels)
-    fill(page, "Merge step", first)
+    fill(page, "Merges done", first)
     until(page, lambda: session.time.step == 0 and session.frame == FRAMES - 1)
     until(page, lambda: page.evaluate(POSE) is None)
     page.get_by_role("tab", name="Map", exact=True).click()
@@ -102,8 +102,8 @@ def test_steps_and_frames_never_mix(bench, page):
     page.get_by_role("tab", name="Build", exact=True).click()
     page.get_by_role("button", name="Back to the map").click()
     until(page, lambda: at_end(session))
-    expect(field_of(page, "Merge step")).not_to_have_value(first)  # else there is nothing to choose
-    fill(page, "Merge step", first)
+    expect(field_of(page, "Merges done")).not_to_have_value(first)  # else there is nothing to choose
+    fill(page, "Merges done", first)
     until(page, lambda: session.time.step == 0)
     fill(page, "Frame", "7")
     until(page, lambda: session.time.step is None and session.frame == 7)

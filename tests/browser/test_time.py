@@ -85,7 +85,7 @@ def test_a_map_is_shown_as_it_was_and_as_it_came_about(browser, tmp_path):
             thing, at = inside(simap, simap.instance > 0)
             parts = bench.shared.timeline(simap)
             expect(page.locator(".mantine-Slider-markLabel:visible", has_text=re.compile("-"))).to_have_count(0)
-            fill(page, "Merge step", str(-parts.levels))
+            fill(page, "Merges done", str(-parts.levels))
             expect(page.get_by_text("Classes only: each cell has a class")).to_be_visible()
             wait_for_color(bench, page, thing, map_image(parts.map_at(0), "class")[at])
             page.get_by_role("button", name="Back to the map").click()

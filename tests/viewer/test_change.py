@@ -345,6 +345,8 @@ def test_what_is_doubtful_is_faint_and_not_counted_by_thresholds_that_a_person_m
         chairs = session.simap.of_class("chair")
         assert {one.id for one in chairs} < doubtful_on(session)
         assert "one of 2, 1 more doubtful" in facts_html(session.simap, chairs[0], {chairs[1].id})
+        two = {chairs[1].id, chairs[2].id}
+        assert "the only one; 2 more doubtful" in facts_html(session.simap, chairs[0], two)
         assert "doubtful: seen too little" in facts_html(session.simap, chairs[0], doubtful_on(session))
         assert (
             session.panels[CommandPanel]._of_them_doubtful([one.id for one in chairs]) == "Of these 3, 3 are doubtful."

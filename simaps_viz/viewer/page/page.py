@@ -18,7 +18,7 @@ from simaps_viz.drawing.texture import MapPicture
 from simaps_viz.drawing.theme import Theme
 from simaps_viz.errors import SIMapsError
 from simaps_viz.mapping.explain import Joint
-from simaps_viz.mapping.in_space import has_voxels
+from simaps_viz.mapping.in_space import all_instances, has_voxels
 from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.simap import joining_percent
 from simaps_viz.mapping.timeline import Timeline
@@ -175,6 +175,8 @@ class Page:
         """The position that was selected, map frame, metres."""
         self.picked_z_m: float | None = None
         """Its height where it was selected in space; None selects what is on top there."""
+        self._meant: Instance | None = None
+        """What was selected there by a person, on whichever map that was."""
         self._outlined_past = False
         self._picture: MapPicture | None = None
         self.cut = self._own_cut = cut_of(self.base)
@@ -263,7 +265,7 @@ class Page:
         if self.panels.take_click(*place):
             return
         if on_it:
-            self.pick(position)  # that part of it stays selected, however the map is cut
+            self.pick(position)
         else:
             self.select(instance_id)
 
@@ -272,7 +274,7 @@ class Page:
         with self._lock:
             found = None if position is None else self.simap.at(*position)
             self.picked = None if found is None else position
-            self.picked_z_m = None
+            self.picked_z_m, self._meant = None, found
             self._show_selected(found)
         if found is not None:
             self.reveal(SELECTED_TAB, only_from=MAP_TABS)
@@ -283,6 +285,7 @@ class Page:
             found = None if place is None else self._instance_near(place)
             self.picked = None if found is None or place is None else place[:2]
             self.picked_z_m = None if found is None or place is None else place[2]
+            self._meant = found
             self._show_selected(found)
         if found is not None:
             self.reveal(SELECTED_TAB, only_from=MAP_TABS)
@@ -301,7 +304,7 @@ class Page:
 
     def remember(self, position: tuple[float, float] | None) -> None:
         """Select what is at a position as soon as the next map is shown."""
-        self.picked, self.picked_z_m = position, None
+        self.picked, self.picked_z_m, self._meant = position, None, None
 
     def go_to(self, instance: Instance) -> None:
         """Select an instance, open the tab about it, and look at it and what is around it."""
@@ -488,10 +491,18 @@ class Page:
         self.time = TimeStep(self.last_frame if follow else min(self.frame, self.last_frame))
         self.panels.each(lambda panel: panel.map_changed(simap))
         with self._lock:
-            if self.picked is not None and self.picked_z_m is not None:
-                self._show_selected(self._instance_near((*self.picked, self.picked_z_m)))
-            else:
-                self._show_selected(None if self.picked is None else simap.at(*self.picked))
+            self._show_selected(self._selected_on(simap))
+
+    def _selected_on(self, simap: SIMap) -> Instance | None:
+        """Return what is selected on another map: what has the same name, or else what is at the same place."""
+        meant, place = self._meant, self.picked
+        called = None if meant is None else (meant.id, meant.label)
+        same = next((one for one in all_instances(simap) if (one.id, one.label) == called), None)
+        if same is not None:
+            return same
+        if place is not None and self.picked_z_m is not None:
+            return self._instance_near((*place, self.picked_z_m))
+        return None if place is None else simap.at(*place)
 
     def _show_selected(self, instance: Instance | None) -> None:
         self.selected = None if instance is None else instance.id

@@ -143,7 +143,7 @@ class StepsPanel(Panel):
         self._timeline: Timeline | None = None
         with gui.add_folder("How objects were joined"):
             self._slider = by_person(
-                gui.add_slider("Merge step", 0, 1, 1, 1, marks=(), disabled=True, hint=STEP_HINT), self._moved
+                gui.add_slider("Merges done", 0, 1, 1, 1, marks=(), disabled=True, hint=STEP_HINT), self._moved
             )
             self._words = gui.add_html("")
             played = Played(lambda: self._chosen, lambda: self._finished, self.choose, lambda: float(self._rate.value))

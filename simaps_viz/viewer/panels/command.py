@@ -223,7 +223,8 @@ def stop_text(simap: SIMap, answer: Answer) -> str:
     side = round(2.0 * wrap_angle(float(np.arctan2(y, x)) - pose.yaw_rad) / np.pi)
     where = ("", "on its left", "behind it", "on its right")[side % 4]
     turned = f', and the robot has that {where} then: add "and face it" to have it turn' if where else ""
-    return f"The path ends {_gap_m(cells, end):.2f} m from the edge of {one.name}{turned}."
+    gap = f"{_gap_m(cells, end):.2f} m from"
+    return f"The path ends {'at' if gap == '0.00 m from' else gap} the edge of {one.name}{turned}."
 
 
 def _aside_text(first: Instance, second: Instance, stop: NDArray) -> str:
@@ -466,7 +467,8 @@ def _others(one: Candidate, candidates: Sequence[Candidate]) -> str:
     """Describe how far the closer ones are, or the next one if none is closer."""
     label = one.instance.label
     if one.rank == 1:
-        return f"the next, {candidates[1].instance.name}, is at {candidates[1].distance_m:.2f} m."
+        far, next_m = f"{one.distance_m:.2f}", f"{candidates[1].distance_m:.2f}"
+        return f"the next, {candidates[1].instance.name}, is {'hardly farther' if next_m == far else f'at {next_m} m'}."
     closer = candidates[: one.rank - 1]
     distances = [f"{c.distance_m:.2f}" for c in closer]
     if len(closer) == 1:
