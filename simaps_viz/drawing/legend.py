@@ -131,12 +131,13 @@ def facts_html(simap: SIMap, instance: Instance, doubtful: Collection[int] | Non
 
 def _one_of(simap: SIMap, label: str, doubtful: Collection[int], doubt: str) -> str:
     ones = [one for one in simap.objects if one.label == label]
-    count = count_text(ones, doubtful)
+    sure, count = sum(one.id not in doubtful for one in ones), count_text(ones, doubtful)
     if doubt:
         why = "doubtful: seen too little to count" if doubt == "doubtful" else doubt
         return f"{why}; of this class there are {count.replace(' more doubtful', ' doubtful')}, this one included"
-    alone = count.replace("1,", "the only one;", 1) if count.startswith("1,") else f"one of {count}"
-    return alone if len(ones) > 1 else "the only one"
+    if sure > 1:
+        return f"one of {count}"
+    return f"the only one; {len(ones) - 1} more doubtful" if len(ones) > 1 else "the only one"
 
 
 def count_text(ones: Collection[Instance], doubtful: Collection[int]) -> str:

@@ -208,6 +208,8 @@ class TabState:
     """The map of this page, where it was another."""
     picked: tuple[float, float] | None
     """The position that was selected, map frame, metres."""
+    picked_as: tuple[int, str] | None
+    """Id and class of what was selected there."""
     frame: int | None
     """The frame shown; None = the last one."""
     camera: CameraState
@@ -268,6 +270,7 @@ class Session(Page):
             published=weakref.ref(published),
             own=None if self.base is published else self.base,
             picked=self.picked,
+            picked_as=self.picked_as,
             frame=None if self.at_end else self.frame,
             camera=self.viewpoints.state(),
             panels=self.panels.states(),
@@ -277,7 +280,7 @@ class Session(Page):
         """Restore what was done on the page before; a map published since then is kept."""
         if state.own is not None and state.published() is self.workbench.simap:
             self.take_map_now(state.own)
-        self.remember(state.picked)
+        self.remember(state.picked, state.picked_as)
         if state.frame is not None:
             self.show_frame(state.frame)
         if state.camera.name != TOP:

@@ -252,7 +252,8 @@ def test_a_selection_comes_back_with_its_object():
 
 
 def test_what_is_selected_keeps_its_name_when_it_is_cut_and_gets_it_back_when_it_was_joined():
-    with toy_workbench() as bench, fake_page(bench) as page:
+    with toy_workbench() as bench:
+        page = FakePage(bench)
         session = page.session
         cut(session, APART)
         (scrap,) = (
@@ -261,17 +262,22 @@ def test_what_is_selected_keeps_its_name_when_it_is_cut_and_gets_it_back_when_it
             if one.id != CHAIR_1 and session.base.at(*one.centroid_m[:2]) == session.base.by_id(CHAIR_1)
         )
         x, y, _ = scrap.centroid_m
-        cut(session, TOGETHER)
-        session.pick((x, y))  # where the smaller part will be
-        assert session.selected == CHAIR_1
-        cut(session, APART)
-        assert session.simap.at(x, y) == session.simap.by_id(scrap.id) and session.selected == CHAIR_1
         session.pick((x, y))
         assert session.selected == scrap.id
         cut(session, TOGETHER)
         assert session.selected == CHAIR_1
         cut(session, APART)
         assert session.selected == scrap.id
+        cut(session, TOGETHER)
+        session.pick((x, y))  # where the smaller part will be
+        assert session.selected == CHAIR_1
+        cut(session, APART)
+        assert session.simap.at(x, y) == session.simap.by_id(scrap.id) and session.selected == CHAIR_1
+        page.close()
+        gone(bench, session)
+        with fake_page(bench, tab=page.tab) as again:  # as it does on a page that is opened anew
+            until(lambda: len(again.session.simap.instances) == 9 and again.session.wait_idle())
+            assert again.session.picked == (x, y) and again.session.selected == CHAIR_1
 
 
 def test_maps_that_nobody_shows_are_forgotten():

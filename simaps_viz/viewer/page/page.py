@@ -175,8 +175,8 @@ class Page:
         """The position that was selected, map frame, metres."""
         self.picked_z_m: float | None = None
         """Its height where it was selected in space; None selects what is on top there."""
-        self._meant: Instance | None = None
-        """What was selected there by a person, on whichever map that was."""
+        self.picked_as: tuple[int, str] | None = None
+        """Id and class of what was selected there, on the map of then."""
         self._outlined_past = False
         self._picture: MapPicture | None = None
         self.cut = self._own_cut = cut_of(self.base)
@@ -274,8 +274,8 @@ class Page:
         with self._lock:
             found = None if position is None else self.simap.at(*position)
             self.picked = None if found is None else position
-            self.picked_z_m, self._meant = None, found
-            self._show_selected(found)
+            self.picked_z_m = None
+            self._pick(found)
         if found is not None:
             self.reveal(SELECTED_TAB, only_from=MAP_TABS)
 
@@ -285,8 +285,7 @@ class Page:
             found = None if place is None else self._instance_near(place)
             self.picked = None if found is None or place is None else place[:2]
             self.picked_z_m = None if found is None or place is None else place[2]
-            self._meant = found
-            self._show_selected(found)
+            self._pick(found)
         if found is not None:
             self.reveal(SELECTED_TAB, only_from=MAP_TABS)
 
@@ -302,9 +301,13 @@ class Page:
         number = instance_near(self.simap, place) if has_voxels(self.simap) else None
         return None if number is None else self.simap.by_id(number)
 
-    def remember(self, position: tuple[float, float] | None) -> None:
-        """Select what is at a position as soon as the next map is shown."""
-        self.picked, self.picked_z_m, self._meant = position, None, None
+    def _pick(self, instance: Instance | None) -> None:
+        self.picked_as = None if instance is None else (instance.id, instance.label)
+        self._show_selected(instance)
+
+    def remember(self, position: tuple[float, float] | None, called: tuple[int, str] | None) -> None:
+        """Select what is called so (id and class), or else what is at a position, as soon as the next map is shown."""
+        self.picked, self.picked_z_m, self.picked_as = position, None, called
 
     def go_to(self, instance: Instance) -> None:
         """Select an instance, open the tab about it, and look at it and what is around it."""
@@ -495,8 +498,7 @@ class Page:
 
     def _selected_on(self, simap: SIMap) -> Instance | None:
         """Return what is selected on another map: what has the same name, or else what is at the same place."""
-        meant, place = self._meant, self.picked
-        called = None if meant is None else (meant.id, meant.label)
+        place, called = self.picked, self.picked_as
         same = next((one for one in all_instances(simap) if (one.id, one.label) == called), None)
         if same is not None:
             return same

@@ -223,8 +223,9 @@ def stop_text(simap: SIMap, answer: Answer) -> str:
     side = round(2.0 * wrap_angle(float(np.arctan2(y, x)) - pose.yaw_rad) / np.pi)
     where = ("", "on its left", "behind it", "on its right")[side % 4]
     turned = f', and the robot has that {where} then: add "and face it" to have it turn' if where else ""
-    gap = f"{_gap_m(cells, end):.2f} m from"
-    return f"The path ends {'at' if gap == '0.00 m from' else gap} the edge of {one.name}{turned}."
+    gap_m = _gap_m(cells, end)
+    ends = "at" if gap_m < 0.005 else f"{gap_m:.2f} m from"
+    return f"The path ends {ends} the edge of {one.name}{turned}."
 
 
 def _aside_text(first: Instance, second: Instance, stop: NDArray) -> str:
@@ -662,7 +663,8 @@ class CommandPanel(Panel):
         self._placing: list[tuple[float, float]] | None = None
         self._answer: Answer | None = None
         self._why: tuple[str, ...] = ()
-        self._readings: tuple[str, ...] = ()
+        self._readings: tuple[Answer, ...] = ()
+        """What other meanings of the command come to."""
         self._doubted: tuple[SIMap | None, dict[int, Doubt]] = None, {}
         """A map, and its objects that may be wrong, as far as that is worth a word."""
         self._trajectory: Trajectory | None = None
@@ -762,9 +764,8 @@ class CommandPanel(Panel):
     def run_other_reading(self) -> None:
         """Return to where the command was given and run another meaning of it; each call runs the next one."""
         if self._readings:
-            program, *others = self._readings
-            before = self._answer.program if self._answer is not None else None
-            others += [before] if before else []
+            answers = (*self._readings, *([] if self._answer is None else [self._answer]))
+            program, *others = [one.program for one in answers if one.program]
             self._submit(program, at=self._asked_at, readings=tuple(others))
 
     def built(self) -> None:
@@ -931,12 +932,10 @@ class CommandPanel(Panel):
         # Everything that takes long comes before anything is shown, so that a cancelled command shows nothing.
         labels, self._why = self._explain(simap, answer)
         planned = self._trajectory_for(answer) if answer.status == "ok" else None
-        other = next(iter(self._readings), None)
-        words = "" if other is None else self._in_words(simap, self._try(simap, other))
         if cancel.is_set():
             return
         self._show_program(answer.program or "")
-        self._show_other_reading(other, words)
+        self._show_other_reading(next(iter(self._readings), None))
         self._waiting = None
         if planned is None:
             self._conclude(answer)
@@ -953,8 +952,8 @@ class CommandPanel(Panel):
         self._drive.start(planned, paused=paused)
         self._preview_another()
 
-    def _other_readings(self, simap: SIMap, answer: Answer, readings: Sequence[str] = ()) -> Iterator[str]:
-        """Yield the programs of other meanings that can be carried out from where the command was given.
+    def _other_readings(self, simap: SIMap, answer: Answer, readings: Sequence[str] = ()) -> Iterator[Answer]:
+        """Yield what other meanings come to that can be carried out from where the command was given.
 
         Those that come to the same as the answer, or as one before them, are left out.
         """
@@ -964,23 +963,11 @@ class CommandPanel(Panel):
         by_others = [] if find is None else by_other_anchors(answer, functools.partial(find, simap), self._asked_at)
         done = [_done(answer)]
         for program in dict.fromkeys((*answer.alternatives, *by_others, *readings)):
-            other = self._try(simap, program)
+            other = ask(simap, program, self._asked_at, robot=self._page.robot)
             is_empty = other.answer is not None and not other.answer["instances"]
             if other.status == "ok" and not is_empty and _done(other) not in done:
                 done.append(_done(other))
-                yield program
-
-    def _try(self, simap: SIMap, program: str) -> Answer:
-        """Return what a program comes to from where the command was given."""
-        assert self._services.ask is not None
-        return self._services.ask(simap, program, self._asked_at, robot=self._page.robot)
-
-    @staticmethod
-    def _in_words(simap: SIMap, other: Answer) -> str:
-        """Describe what another reading does."""
-        numbers = {goal.instance for goal in other.goals if goal.instance}
-        name = f" That is {simap.by_id(*numbers).name}." if len(numbers) == 1 else ""
-        return f"{outcome_text(other)}{name}"
+                yield other
 
     def _mark(self, answer: Answer, labels: Sequence[Label], stop: str = "") -> None:
         """Outline and number what a command means, or an answer speaks of, and dim all else; ``stop`` names the end."""
@@ -1078,11 +1065,10 @@ class CommandPanel(Panel):
     def _preview_other_reading(self, answer: Answer, command: str) -> None:
         """Offer what else the typed command could mean, before it is sent."""
         simap, self._asked_at = self._page.simap, self._page.pose
-        program = next(self._other_readings(simap, answer), None)
-        words = "" if program is None else self._in_words(simap, self._try(simap, program))
-        if program is not None and self._previews and self._phase == "idle" and command == str(self._text.value):
-            self._answer, self._readings = answer, (program,)
-            self._show_other_reading(program, words)
+        other = next(self._other_readings(simap, answer), None)
+        if other is not None and self._previews and self._phase == "idle" and command == str(self._text.value):
+            self._answer, self._readings = answer, (other,)
+            self._show_other_reading(other)
 
     def _end_typing(self) -> None:
         if self._typing is not None:
@@ -1342,12 +1328,16 @@ class CommandPanel(Panel):
         self._program.content = program_html(program, line, stuck=stuck)
         self._fold.visible = self._program.visible = bool(program)
 
-    def _show_other_reading(self, program: str | None, words: str = "") -> None:
-        """Offer to run another meaning of the command; None hides the offer."""
-        self._other_program.content = (
-            "" if program is None else message_html("", words, "plain") + program_html(program)
-        )
-        self._other.visible = program is not None
+    def _show_other_reading(self, other: Answer | None) -> None:
+        """Offer to run another meaning of the command, and describe what it comes to; None hides the offer."""
+        self._other.visible = other is not None
+        if other is None:
+            self._other_program.content = ""
+            return
+        numbers = {goal.instance for goal in other.goals if goal.instance}
+        name = f" That is {self._page.simap.by_id(*numbers).name}." if len(numbers) == 1 else ""
+        words = message_html("", f"{outcome_text(other)}{name}", "plain")
+        self._other_program.content = words + program_html(other.program or "")
 
     def _show_progress(self, share: float | None) -> None:
         """Show how much of the drive is done, 0 to 1; None hides it."""

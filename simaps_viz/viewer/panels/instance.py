@@ -237,7 +237,7 @@ class FrameGallery:
         self._frames: dict[str, int] = {}
         self._went: tuple[int | None, int] | None = None
         """The object, and the frame, that a button has gone to."""
-        hint = "Show the map as it was after that frame, and the frame where the recorded build is at hand."
+        hint = "Show the map as it was after that frame; the recorded build, where there is one, shows the frame."
         self._jump = page.gui.add_button_group("Map at frame", ("-",), visible=False, hint=hint)
         self._jump.on_click(lambda event: self._go(str(event.target.value)))
 
