@@ -344,6 +344,10 @@ def test_a_sentence_typed_outside_every_box_goes_to_the_command_box_and_presses_
     expect(page.get_by_text("How to use this page")).to_be_hidden()
     box.fill("")
     box.blur()
+    page.keyboard.type("go", delay=600)  # slowly: G is no key
+    expect(box).to_have_value("go")
+    box.fill("")
+    box.blur()
     page.get_by_label("Follow robot").focus()  # a box to tick is no box to write in
     page.keyboard.press("l")  # alone it is one
     until(page, lambda: session.theme.dark)

@@ -245,14 +245,17 @@
   // Words that are typed outside every box go to the command box: their letters are no keys of the page. So a letter
   // counts as one only when no other follows at once; those that lead to a box, or are held, count immediately.
   const BOXES = 'textarea, select, input:not([type=checkbox]), [contenteditable]', WRITING = `${BOXES}, [role=dialog]`;
-  const HELD_MS = 300, AT_ONCE = ['f', 'b'];
+  const HELD_MS = 300, SLOW_MS = 1500, AT_ONCE = ['f', 'b'];
   let held = [], waits = 0, leads = false;
+  const letGo = () => { clearTimeout(waits); [held, leads] = [[], false]; };
   const sendKey = ({ key, code, shiftKey, target }) => (target.isConnected && !target.matches('input') ? target : document.body).dispatchEvent(
     new KeyboardEvent('keydown', { key, code, shiftKey, bubbles: true, cancelable: true }));
   const release = () => {
     const [one] = held;
     held = [];
-    sendKey(one);
+    if (!sendKey(one)) return;
+    held = [one];  // no key of the page: it may begin a word that is typed slowly, or on a page that is busy
+    waits = setTimeout(letGo, SLOW_MS);
   };
   // Until a pause the box gets all of them anew with each letter: drawn meanwhile, it would lose some.
   const handOver = (box) => {
@@ -260,7 +263,6 @@
     Object.getOwnPropertyDescriptor(HTMLTextAreaElement.prototype, 'value').set.call(box, held.map((one) => one.key).join(''));
     box.dispatchEvent(new InputEvent('input', { bubbles: true }));
   };
-  const letGo = () => { clearTimeout(waits); [held, leads] = [[], false]; };
   document.addEventListener('pointerdown', (event) => { if (event.isTrusted) letGo(); }, true);
   window.addEventListener('keydown', (event) => {
     const { key, target, repeat } = event, plain = !event.ctrlKey && !event.metaKey && !event.altKey;
