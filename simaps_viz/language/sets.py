@@ -84,6 +84,7 @@ _COMPASS: Final = {
     "south east": (_DIAGONAL, -_DIAGONAL), "south west": (-_DIAGONAL, -_DIAGONAL),
 }  # fmt: skip
 _TURNS: Final = {"front": 0.0, "left": 0.5 * np.pi, "behind": np.pi, "right": -0.5 * np.pi}
+_MOST_IN_PLACE: Final = tuple(SAID["most"][key] for key in ("far", *_TURNS, *_COMPASS))
 _BY_SIZE: Final[dict[str, tuple[str, int]]] = SAID["by_size"]
 """{key of order: what it measures, and 1 where the most of it comes first, else -1}."""
 
@@ -988,7 +989,9 @@ class Sets(Grounding):
         others = self.set_of(of)
         if found.after and not (others.items and found.after.endswith(others.the)):
             return ""
-        return f"{SAID['most'][key]} {'from' if key == 'far' else 'to'} {others.the}"
+        words = f"{SAID['most'][key]} {'from' if key == 'far' else 'to'}"
+        is_side = found.after.startswith(tuple(map(_side_words, (*SAID["side_of"], *SAID["end_of"], *_COMPASS))))
+        return f"{found.after}, {words} {'it' if len(others) == 1 else 'them'}" if is_side else f"{words} {others.the}"
 
     def _sorted_by(self, found: Things, score: Sequence[float] | NDArray, key: str) -> Things:
         """Return a set in the order of a score, with the levels at which the map can tell one from another.
@@ -1112,7 +1115,8 @@ class Sets(Grounding):
         return self._walled(np.array(here), np.array(thing.centroid_m[:2]))
 
     def _first(self, S: Named, n: int) -> Things:
-        found = self._choice_of(self.set_of(S))
+        found = self.set_of(S)
+        found = self._choice_of(self._with_certain(found, n))
         chosen = found.first(n)
         if chosen.tied:
             several = found.of((*chosen.items, *chosen.tied))
@@ -1122,6 +1126,22 @@ class Sets(Grounding):
             note = f"The map cannot tell {which} ({listed[0]}{more})"
             self.notes[f"{note}: {listed[1]} {'is' if n == 1 else 'are'} taken."] = None
         return chosen
+
+    def _with_certain(self, found: Things, n: int) -> Things:
+        """Return what is ordered by place, not nearness, without the doubtful before the nth certain one; note them."""
+        far = f"{SAID['most']['far']} "
+        most = found.most or (SAID["most"]["far"] if found.after.rpartition(", ")[2].startswith(far) else "")
+        unsure = [isinstance(item, Instance) and item.id in self.simap.doubtful for item in found.items]
+        certain = [k for k, is_unsure in enumerate(unsure) if not is_unsure][:n]
+        if most not in _MOST_IN_PLACE or len(certain) < n or certain[-1] < n:
+            return found
+        kept = [*certain, *range(certain[-1] + 1, len(found))]
+        passed = [item.name for item, is_unsure in zip(found.items[: certain[-1]], unsure, strict=False) if is_unsure]
+        taken = ", ".join(found.items[k].name for k in certain)
+        but = f"would be {most}, but {'are' if len(passed) > 1 else 'is'} doubtful"
+        self.notes[f"{', '.join(passed).capitalize()} {but}: {taken} {'are' if n > 1 else 'is'} taken."] = None
+        levels = tuple(found.levels[k] for k in kept) if found.levels else ()
+        return replace(found, items=tuple(found.items[k] for k in kept), levels=levels)
 
     def _the(self, S: Named) -> Things:
         found = self.set_of(S)
@@ -1147,7 +1167,8 @@ class Sets(Grounding):
         """Remember what is chosen from, in its order, for whoever is shown the choice."""
         self.among = tuple(i.id for i in found.items if isinstance(i, Instance))
         self.ranking = found.number() + (f", the {found.most} first" if found.most else "")
-        measured = not found.most and found.after.startswith(tuple(SAID["most"][key] for key in ("near", "far")))
+        by = tuple(f"{SAID['most'][key]} " for key in ("near", "far"))
+        measured = not found.most and found.after.rpartition(", ")[2].startswith(by)
         self.away_m = tuple(abs(at) * self.simap.spec.cell_size_m for at in found.levels) if measured else ()
         return found
 

@@ -645,6 +645,13 @@ def test_others_are_looked_for_by_what_is_not_doubtful_where_there_is_one() -> N
         assert len([one for one in tied.notes if "is taken" in one]) == 1, tied.notes
         told = simaps_viz.ask(known, "how many chairs are next to the plant?", pose=Pose2(0.3, 2.5, 0.0))
         assert told.anchors == (anchor,) and (told.answer or {})["instances"] == [chair]
+        for said, first in (("go to the farthest plant", glance), ("go to the westernmost plant", glance)):
+            ranked = simaps_viz.ask(known, said, pose=Pose2(4.2, 2.5, np.pi))
+            assert ranked.goals[0].instance == (plant if len(faint) == 1 else first), said
+            passed = (
+                f"Potted plant {glance} would be {said.split()[3]}, but is doubtful: potted plant {plant} is taken."
+            )
+            assert (passed in ranked.notes) == (len(faint) == 1)
         itself = simaps_viz.ask(known, 'robot.move_to_object("potted plant")', pose=Pose2(0.3, 2.5, 0.0))
         assert itself.goals[0].instance == glance and not itself.anchors  # the primitive takes the nearest
         for said in ("go to the plant", "turn right, then go to the nearest plant"):

@@ -113,6 +113,10 @@ def test_why_this_one_is_said_with_the_distances_of_the_others():
     assert why("go to the second chair nearest the couch") == (
         f"Chair 4 is the second of 3 chairs nearest to the couch: {far:.2f} m from it; chair 1 is at {near:.2f} m."
     )
+    assert (
+        why("go to the chair south of the couch")
+        == f"Chair 4 is the only chair south of the couch, {far:.2f} m from it."
+    )
     assert why("go to the leftmost chair").startswith("Chair 1 is the leftmost chair, of 3 chairs; it is ")
     assert why("go to the second chair from the west near the dining table") == (
         f"Chair 4 is the second of 2 chairs next to the dining tables, the westernmost first, {three:.2f} m "
@@ -519,7 +523,7 @@ def test_the_doubtful_among_the_candidates_are_counted_apart_as_on_the_map():
             panel.ask("go to the leftmost chair")
             until(lambda: "Done" in shown(bench))
             assert bench.wait_idle() and bool(faint) == said
-            assert (f"Of these 3, {faint} " in shown(bench)) == said
+            assert (f"Of 3 in all, {faint} " in shown(bench)) == said
 
 
 def test_what_is_typed_while_an_earlier_map_is_shown_says_which_map_it_is_for():

@@ -6,10 +6,11 @@ import pytest
 from browser import toy_ask
 from hypothesis import example, given
 from hypothesis import strategies as st
-from toy_maps import toy_map
+from toy_maps import TOY_POSE, toy_map
 
 from simaps_viz.drawing.legend import object_names
 from simaps_viz.drawing.theme import DIM_STYLE
+from simaps_viz.navigation.agent import answer
 from simaps_viz.viewer.panels.command import CommandPanel
 from simaps_viz.viewer.panels.instance import FindBox, NotFound, matches
 from simaps_viz.viewer.panels.map import MapPanel
@@ -95,7 +96,7 @@ class FakePage:
     """A page of which only the box is there; jobs run at once."""
 
     def __init__(self):
-        self.simap, self.selected, self.went, self.given = SIMAP, None, [], []
+        self.simap, self.pose, self.selected, self.went, self.given = SIMAP, TOY_POSE, None, [], []
         self.services, self.reveal = SimpleNamespace(ask=toy_ask), self.given.append
         shown = SimpleNamespace(show_only=self.show_only, doubtful=lambda simap: simap.doubtful)
         self.panels, self.only = {CommandPanel: SimpleNamespace(give=self.given.append), MapPanel: shown}, None
@@ -141,6 +142,19 @@ def test_free_words_go_from_rank_to_rank_on_enter_alone():
     assert len(seats) > 2 and page.went == [*seats, seats[0]] and "1. chair 1 (fits 100 %), shown" in shown
     assert "is called flying carpet." in page.type("flying carpet\n") and len(page.went) == len(seats) + 1
     assert page.type("chair 3\n") and page.went[-1] == SIMAP.of_class("chair")[1].id
+
+
+def test_words_that_commands_know_are_found_on_enter_as_well_and_what_is_not_there_is_said():
+    page = FakePage()
+    page.services.ask = answer
+    FindBox(page)  # pyright: ignore[reportArgumentType]
+    by_table = (answer(SIMAP, "which chairs are next to the dining tables?", TOY_POSE).answer or {})["instances"]
+    assert len(by_table) > 1
+    said = page.type("chairs next to the dining tables\n")
+    assert f"chair {by_table[0]}: 1 of {len(by_table)}." in said and page.went == by_table[:1] and page.only is None
+    assert "Next" in page.type("chairs next to the dining tables\n") and page.went == by_table[:2]
+    assert "No, there is no cup on this map" in page.type("cup next to the couch\n")
+    assert "No, there is no gizmo on this map." in page.type("gizmo\n") and page.went == by_table[:2]
 
 
 def test_a_command_goes_to_the_robot_and_a_name_does_not():

@@ -66,7 +66,7 @@ DOUBTFUL = 0.25
 """From this weight of its doubts on it is said that an object that is meant may be wrong."""
 _LOOKUPS = [*FUNCTIONS.values(), *(primitive for primitive in PRIMITIVES.values() if primitive.kind == "lookup")]
 _CHOOSERS = [one.name for one in _LOOKUPS if one.result in ("instance", "instances")]
-_FROM_WHAT = re.compile(r"\b(?:nearest to|farthest from) the (?:nearest )?(.+)$")
+_FROM_WHAT = re.compile(r",? (?:nearest to|farthest from) (the |)(?:nearest )?(.+)$")
 """What distances are from, in the words for something that is nearest to it."""
 GIVEN = "where the command was given"
 NOTHING_DONE = "Nothing was done: a command is tried out to its end before the robot moves."
@@ -106,7 +106,9 @@ def why_text(answer: Answer, candidates: Sequence[Candidate], there: str = GIVEN
     words = next((one.words for one in answer.goals if one.words), "")
     nth = _NTH[one.rank] if one.rank < len(_NTH) else f"{one.rank}th "
     away, from_here = f"{one.distance_m:.2f} m", f"{one.distance_m:.2f} m from {there}."
-    if len(candidates) == 1:
+    if len(candidates) == 1 and goal.away_m:
+        text = f"{name} is the only {_FROM_WHAT.sub('', words) or label}, {away} {_from_what(words)}."
+    elif len(candidates) == 1:
         text = f"{name} is the only {words or f'{label} on this map'}, {from_here}"
     elif goal.away_m:
         place = words or f"{nth or 'first '}of {goal.ranking}"
@@ -123,6 +125,12 @@ def why_text(answer: Answer, candidates: Sequence[Candidate], there: str = GIVEN
         text = f"{name} is {place} {there}: {away} in a straight line to its edge{short}; {_others(one, candidates)}"
         text += "" if words else _choice(answer)
     return text
+
+
+def _from_what(words: str) -> str:
+    """Return what distances are from, as told in the words for something that is nearest to it."""
+    found = _FROM_WHAT.search(words)
+    return f"from {found[1]}{found[2]}" if found else "from it"
 
 
 def each_why(answer: Answer, candidates_at: CandidatesAt, pose: Pose2, *, most: int = 4) -> list[str]:
@@ -469,7 +477,7 @@ def _others(one: Candidate, candidates: Sequence[Candidate]) -> str:
     label = one.instance.label
     if one.rank == 1:
         far, next_m = f"{one.distance_m:.2f}", f"{candidates[1].distance_m:.2f}"
-        return f"the next, {candidates[1].instance.name}, is {'hardly farther' if next_m == far else f'at {next_m} m'}."
+        return f"the next, {candidates[1].instance.name}, is {'just as far' if next_m == far else f'at {next_m} m'}."
     closer = candidates[: one.rank - 1]
     distances = [f"{c.distance_m:.2f}" for c in closer]
     if len(closer) == 1:
@@ -1119,8 +1127,7 @@ class CommandPanel(Panel):
         chosen = {goal.instance or 0 for goal in answer.goals}
         why = why_text(answer, candidates)
         why = " ".join(filter(None, [why, why and self._of_them_doubtful([one.instance.id for one in candidates])]))
-        away = _FROM_WHAT.search(answer.goals[0].words) if answer.goals[0].away_m else None
-        what = f"from the {away[1]}" if away else "from it" if answer.goals[0].away_m else "away"
+        what = _from_what(answer.goals[0].words) if answer.goals[0].away_m else "away"
         labels = candidate_labels(candidates, chosen, away=what, also=named_in(simap, " ".join(answer.notes)))
         ends = beyond_text(simap, answer), stop_text(simap, answer)
         return [*labels, *beside], (why, *anchors, *ends, *self._cautions(simap, answer, why))
@@ -1149,7 +1156,7 @@ class CommandPanel(Panel):
             return ""
         names = [one.name for one in all_instances(self._page.simap) if one.id in faint]
         named = f": {', '.join(names)}" if len(names) <= min(_MAX_LISTED, len(ids) - 1) else ""
-        return f"Of these {len(ids)}, {len(faint)} {'are' if len(faint) > 1 else 'is'} doubtful{named}."
+        return f"Of {len(ids)} in all, {len(faint)} {'are' if len(faint) > 1 else 'is'} doubtful{named}."
 
     def _moved(self, pose: Pose2, share: float, leg: int) -> None:
         self._page.pose = pose

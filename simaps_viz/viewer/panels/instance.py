@@ -177,10 +177,25 @@ class FindBox(Panel):
         try:
             ranked = simap.search(text, MAX_RANKS)
         except (CommandError, InputError) as error:
-            self._report(str(error) if simap.described else why)
-            return
-        self._list(text, tuple(one.instance for one in ranked), tuple(one.score for one in ranked))
+            found, said = self._asked(simap, text)
+            if not found:
+                self._report(str(error) if simap.described else f"{said} {why.partition('. ')[2]}" if said else why)
+                return
+            self._words, self._found, self._scores = text, found, ()
+        else:
+            self._list(text, tuple(one.instance for one in ranked), tuple(one.score for one in ranked))
         self._go_to(0)
+
+    def _asked(self, simap: SIMap, text: str) -> tuple[tuple[Instance, ...], str]:
+        """Return what a question for words commands know finds ("red cup", "books on the desk"), and its answer."""
+        ask = self._page.services.ask
+        try:
+            answer = None if ask is None else ask(simap, f"is there any {text}?", self._page.pose)
+        except CommandError:
+            return (), ""
+        if answer is None or answer.answer is None:
+            return (), ""
+        return tuple(map(simap.by_id, answer.answer["instances"])), answer.answer["text"]
 
     def _list(self, text: str, found: tuple[Instance, ...], scores: tuple[float, ...] = ()) -> None:
         self._words, self._found, self._scores = text, found, scores
