@@ -67,6 +67,10 @@ UNSEEN_FLOOR_M = 1.5
 """How far the floor is taken to lie below the cameras where nothing at all is seen."""
 
 
+LEVEL_DEG, LEVEL_SHARE = 5.0, 0.2
+"""A stated up is doubted from so far off, where at least so many surfaces are level with another one, twice as many."""
+
+
 @dataclass(frozen=True, eq=False)
 class Gravity:
     """Which way is up and where the floor is."""
@@ -76,7 +80,7 @@ class Gravity:
     floor_height_m: float
     """Along ``up``."""
     up_note: str = ""
-    """In words, where no floor was seen and up comes from something else."""
+    """In words, where no floor was seen and up comes from something else, or surfaces contradict the one stated."""
     floor_note: str = ""
     """In words, where no floor was seen, what is taken as the floor."""
 
@@ -90,7 +94,8 @@ def find_gravity(frames: Iterable[Frame], *, up: NDArray | None = None) -> Gravi
     frames = list(frames)
     surface, poses = sample_surface(frames), np.stack([frame.T_world_camera for frame in frames])
     with suppress(InputError):
-        return Gravity(*gravity_of(surface, poses, up=up))
+        note = "" if up is None else _off_level(surface, poses, np.asarray(up, dtype=np.float64))
+        return Gravity(*gravity_of(surface, poses, up=up), note)
     if up is None:
         unit_up, source = _up_without_floor(surface, poses)
         up_note = f"no floor is in view: up is a guess, {source}; --up X,Y,Z states it"
@@ -99,6 +104,20 @@ def find_gravity(frames: Iterable[Frame], *, up: NDArray | None = None) -> Gravi
     floor_height_m, floor = _floor_or_lowest(surface, poses, unit_up)
     floor_note = f"no floor is in view: {floor} is taken as its height; --floor-height M states it" if floor else ""
     return Gravity(unit_up, floor_height_m, up_note, floor_note)
+
+
+def _off_level(surface: Surface, poses: NDArray, up: NDArray) -> str:
+    """Return words for how far a stated up is from what surfaces say, where far more of them are level with theirs."""
+    try:
+        seen, _ = gravity_of(surface, poses)
+    except InputError:
+        return ""
+    stated = up / np.linalg.norm(up)
+    level = [float((np.abs(surface.normals @ one) > np.cos(np.deg2rad(LEVEL_DEG))).mean()) for one in (stated, seen)]
+    off_deg = float(np.rad2deg(np.arccos(np.clip(stated @ seen, -1.0, 1.0))))
+    if off_deg < LEVEL_DEG or level[1] < LEVEL_SHARE or level[1] < 2.0 * level[0]:
+        return ""
+    return f"surfaces say up is {off_deg:.0f}° from the one stated; `simaps check` measures it, --up X,Y,Z states it"
 
 
 def _floor_or_lowest(surface: Surface, poses: NDArray, up: NDArray) -> tuple[float, str]:

@@ -99,6 +99,19 @@ def test_known_up_of_any_length_only_needs_the_floor(T_world_room: NDArray) -> N
     assert floor_height_m == pytest.approx(up @ T_world_room[:3, 3], abs=0.01)
 
 
+@pytest.mark.parametrize(
+    ("off_deg", "said"), [(0.0, ""), (3.0, ""), (11.0, "surfaces say up is 11° from the one stated")]
+)
+def test_a_stated_up_is_kept_and_surfaces_that_contradict_it_are_said(off_deg: float, said: str) -> None:
+    world = rigid((0.3, -0.5, 0.2, 0.8), (1.0, 2.0, -3.0))
+    frames = [room_frame(look(yaw, 25.0), world) for yaw in (20, 70, 110, 160, 250, 300)]
+    off = np.deg2rad(off_deg)
+    stated = world[:3, :3] @ np.array([np.sin(off), 0.0, np.cos(off)])
+    found = find_gravity(frames, up=stated)
+    np.testing.assert_allclose(found.up, stated, atol=1e-12)
+    assert found.up_note.partition(";")[0] == said
+
+
 def test_a_camera_that_only_looks_straight_down(tmp_path: Path) -> None:
     """Its own up axis lies in the floor, so only the surfaces can tell."""
     sequence = open_sequence(write_tiny_sequence(tmp_path, manifest={"up": None, "floor_height_m": None}))
