@@ -134,7 +134,8 @@ def _one_of(simap: SIMap, label: str, doubtful: Collection[int], doubt: str) -> 
     sure, count = sum(one.id not in doubtful for one in ones), count_text(ones, doubtful)
     if doubt:
         why = "doubtful: seen too little to count" if doubt == "doubtful" else doubt
-        return f"{why}; of this class there are {count.replace(' more doubtful', ' doubtful')}, this one included"
+        are = "are" if sure or len(ones) > 1 else "is"
+        return f"{why}; of this class there {are} {count.replace(' more doubtful', ' doubtful')}, this one included"
     if sure > 1:
         return f"one of {count}"
     return f"the only one; {len(ones) - 1} more doubtful" if len(ones) > 1 else "the only one"

@@ -80,7 +80,7 @@ class ErrorsPanel(Panel):
         self._about = gui.add_html("")
         # Above the rows, whose heights differ: it stays under the finger that presses it again.
         self._pages = button_row(
-            gui, "Listed", {"Previous": lambda: self._turn(-1), "Next": lambda: self._turn(1)},
+            gui, "Listed", {f"Previous {LISTED}": lambda: self._turn(-1), f"Next {LISTED}": lambda: self._turn(1)},
             visible=False, hint=PAGES_HINT,
         )  # fmt: skip
         self._place = gui.add_html("")

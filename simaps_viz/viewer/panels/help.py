@@ -199,7 +199,12 @@ class HelpPanel(Panel):
             ("]", "]", "one frame on", lambda: page.show_frame(page.frame + 1)),
             ("T", "T", "view from the top", lambda: page.look(TOP)),
             ("3", "3", "3-D view", lambda: page.look(SLANT)),
-            ("escape", "Esc", "close the help; else select nothing, show all classes, and no path", self._escape),
+            (
+                "escape",
+                "Esc",
+                "leave a box, or close the help; else select nothing, show all classes, and no path",
+                self._escape,
+            ),
             ("L", "L", "light or dark page", self.switch),
             ("H", "H or ?", "this help", self.show),
         )

@@ -254,7 +254,7 @@
     const [one] = held;
     held = [];
     if (!sendKey(one)) return;
-    held = [one];  // no key of the page: it may begin a word that is typed slowly, or on a page that is busy
+    held = [{ ...one, sent: true }];  // no key of the page: it may begin a word that is typed slowly, or on a page that is busy
     waits = setTimeout(letGo, SLOW_MS);
   };
   // Until a pause the box gets all of them anew with each letter: drawn meanwhile, it would lose some.
@@ -269,10 +269,13 @@
     const box = target.closest && target.closest(WRITING);
     if (!event.isTrusted || !target.closest || (box && box !== leads) || key === 'Shift') return;
     if (!plain || key.length !== 1) { letGo(); return; }
+    const gap = held.length === 1 ? event.timeStamp - held[0].at : 0;  // a busy page may see to keys before its clocks
+    if (gap > HELD_MS && !held[0].sent) { clearTimeout(waits); release(); }
+    if (gap > SLOW_MS) letGo();
     if (!held.length && (repeat || !/^[a-z]$/i.test(key) || AT_ONCE.includes(key) || !titled('Command'))) return;
     event.preventDefault();
     event.stopImmediatePropagation();
-    if (!repeat) held.push({ key, code: event.code, shiftKey: event.shiftKey, target });
+    if (!repeat) held.push({ key, code: event.code, shiftKey: event.shiftKey, target, at: event.timeStamp });
     clearTimeout(waits);
     if (held.length === 1) { waits = setTimeout(release, HELD_MS); return; }
     waits = setTimeout(letGo, 3000);
