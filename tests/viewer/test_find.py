@@ -1,5 +1,6 @@
 """Finding an object by what is typed: which one is meant, and what is said when none is."""
 
+import threading
 from types import SimpleNamespace
 
 import pytest
@@ -11,6 +12,7 @@ from toy_maps import TOY_POSE, toy_map
 from simaps_viz.drawing.legend import object_names
 from simaps_viz.drawing.theme import DIM_STYLE
 from simaps_viz.navigation.agent import answer
+from simaps_viz.viewer.panels import instance
 from simaps_viz.viewer.panels.command import CommandPanel
 from simaps_viz.viewer.panels.instance import FindBox, NotFound, matches
 from simaps_viz.viewer.panels.map import MapPanel
@@ -155,6 +157,28 @@ def test_words_that_commands_know_are_found_on_enter_as_well_and_what_is_not_the
     assert "Next" in page.type("chairs next to the dining tables\n") and page.went == by_table[:2]
     assert "No, there is no cup on this map" in page.type("cup next to the couch\n")
     assert "No, there is no gizmo on this map." in page.type("gizmo\n") and page.went == by_table[:2]
+
+
+def test_what_was_typed_last_has_the_last_word_however_long_words_before_it_take(monkeypatch):
+    page, begun, go_on = FakePage(), threading.Event(), threading.Event()
+    FindBox(page)  # pyright: ignore[reportArgumentType]
+
+    def slowly(simap, text):
+        if text == "chair":
+            begun.set()
+            assert go_on.wait(60.0)
+        return matches(simap, text)
+
+    monkeypatch.setattr(instance, "matches", slowly)
+    first, second = (threading.Thread(target=page.type, args=(text,)) for text in ("chair", "chair 4"))
+    first.start()
+    assert begun.wait(60.0)
+    second.start()
+    second.join(0.3)
+    go_on.set()
+    for one in (first, second):
+        one.join()
+    assert "Enter: chair 4" in page.status.content
 
 
 def test_a_command_goes_to_the_robot_and_a_name_does_not():

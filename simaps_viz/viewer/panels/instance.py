@@ -2,6 +2,7 @@
 
 import difflib
 import re
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from typing import Any
@@ -126,6 +127,7 @@ class FindBox(Panel):
         self._box = gui.add_text(FIND, "", multiline=True, hint=FIND_HINT)
         by_person(self._box, self._typed)
         self._status = gui.add_html("")
+        self._typing = threading.Lock()
         self._words = ""
         """What was found."""
         self._found: tuple[Instance, ...] = ()
@@ -146,6 +148,10 @@ class FindBox(Panel):
             self._step(-1 if event.get("step") == -1 else 1)
 
     def _typed(self) -> None:
+        with self._typing:  # a change is told by a thread of its own: the last one is to have the last word
+            self._take_in()
+
+    def _take_in(self) -> None:
         text = str(self._box.value)
         entered = "\n" in text
         if entered:
