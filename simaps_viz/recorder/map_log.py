@@ -30,13 +30,13 @@ NOTHING: Entry = (0, "", (0, 0, 0, 0))
 
 UNPARTED = 4
 GROUND: tuple[Entry, ...] = (
-    (UNSEEN, "not seen", (216, 219, 226, 255)),
-    (FLOOR, "floor", (246, 248, 250, 255)),
-    (CLUTTER, "no name", (196, 202, 211, 255)),
-    (WALL, "wall", (92, 98, 110, 255)),
-    (UNPARTED, "seen, not told apart yet", (240, 214, 160, 255)),
+    (UNSEEN, "not seen", (0, 0, 0, 0)),
+    (FLOOR, "floor", (128, 132, 140, 40)),
+    (CLUTTER, "no name", (140, 146, 158, 150)),
+    (WALL, "wall", (110, 116, 128, 255)),
+    (UNPARTED, "seen, not told apart yet", (214, 160, 60, 110)),
 )
-"""Everything under the objects."""
+"""Everything under the objects. rerun's own ground, light or dark, shows through."""
 
 CLASS_BASE = 60_000
 """Added to a class index where classes and communities share a picture; communities stay below."""

@@ -29,9 +29,7 @@ from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.timeline import Timeline
 from simaps_viz.recorder.facts import LEVELS, finished_facts, read_facts, send_facts, started_facts
 from simaps_viz.recorder.map_log import (
-    GROUND,
     SURFACE,
-    UNSEEN,
     CameraLog,
     MapLog,
     Merging,
@@ -257,9 +255,7 @@ def map_views(extent_m: Extent | None, shown: Mapping[str, Sequence[str]]) -> rr
             x_range=(xmin - MARGIN_M, xmax + MARGIN_M), y_range=(-ymax - MARGIN_M, -ymin + MARGIN_M)
         )
     views = [
-        rrb.Spatial2DView(
-            origin="/map", name=name, contents=[*contents], visual_bounds=bounds, background=GROUND[UNSEEN][2][:3]
-        )
+        rrb.Spatial2DView(origin="/map", name=name, contents=[*contents], visual_bounds=bounds)
         for name, contents in shown.items()
     ]
     return rrb.Tabs(*views, active_tab=0)

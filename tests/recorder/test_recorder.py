@@ -29,7 +29,7 @@ from toy_surfaces import toy_with_surface
 from simaps_viz.colors.classes import class_color, instance_color
 from simaps_viz.events import BuildFinished, CommunitiesFound, FrameProjected, MergesFound
 from simaps_viz.geometry import turned_pose
-from simaps_viz.recorder.map_log import CLASS_BASE, FLOOR, UNPARTED, UNSEEN
+from simaps_viz.recorder.map_log import CLASS_BASE, FLOOR, GROUND, UNPARTED, UNSEEN, WALL
 from simaps_viz.recorder.recorder import RerunRecorder
 from simaps_viz.recorder.settings import RecorderSettings
 from simaps_viz.recorder.whole_map import log_whole_map
@@ -44,6 +44,15 @@ LABELS, IS_THING = ("none", "chair", "floor"), (False, True, False)
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Any:
     return rc.RrdReader(record(tmp_path_factory.mktemp("recording") / "toy.rrd")).stream().collect()
+
+
+def test_the_ground_is_dark_on_a_dark_page_and_light_on_a_light_one() -> None:
+    of = {value: np.array(color) for value, _, color in GROUND}
+    for value, most in ((UNSEEN, 0.0), (FLOOR, 0.2)):
+        assert of[value][3] <= 255 * most  # so much of its own
+    for page in (17.0, 255.0):
+        over = {value: page + (color[:3].mean() - page) * color[3] / 255 for value, color in of.items()}
+        assert abs(over[FLOOR] - over[UNSEEN]) > 8 and abs(over[WALL] - over[FLOOR]) > 60
 
 
 def test_timelines_are_those_of_the_build(recording: Any) -> None:
