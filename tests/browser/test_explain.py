@@ -137,7 +137,7 @@ def test_a_merge_step_shows_the_finished_map_and_no_other_comparison(bench, page
     until(page, lambda: session.panels[WhyPanel].why is not None and session.wait_idle())
     session.panels[WhyPanel].compare(TABLE)
     until(page, lambda: session.panels[WhyPanel].lit == {TABLE})
-    assert session.snapshot().badge == "as of frame 1; back to the last, 4, with slider Frame in tab Build"
+    assert session.snapshot().badge == "as of frame 1, the last is 4 · back with slider Frame in tab Build"
     session.panels[WhyPanel]._choose_step(1)
     until(page, lambda: not session.panels[WhyPanel].lit and not session.snapshot().badge)
     assert session.frame == 4

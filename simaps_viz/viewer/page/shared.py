@@ -294,7 +294,7 @@ def snapshot_at(shared: Shared, simap: SIMap, *, frame: int | None, step: int | 
         step: position on its `Timeline`; None = the finished map.
     """
     if frame is not None:
-        badge = f"as of frame {frame}; back to the last, {len(simap.frame_names) - 1}, with slider Frame in tab Build"
+        badge = f"as of frame {frame}, the last is {len(simap.frame_names) - 1} · back with slider Frame in tab Build"
         look = shared.look_back(simap, frame)
         if look is None:
             return Snapshot(simap, until=frame, words=NO_HISTORY, badge=badge)
