@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from simaps_viz.checking.agreement import AGREES, Agreement, Views, find_drift, summarise
 from simaps_viz.checking.recording import Convention, Reading, Recording, revisit_pairs, turned_deg
 from simaps_viz.checking.search import median_depth_m, score
-from simaps_viz.datasets.gravity import Surface, gravity_of, sample_surface
+from simaps_viz.datasets.gravity import Surface, gravity_of, level_share, sample_surface
 from simaps_viz.datasets.source import named_times
 from simaps_viz.errors import InputError
 from simaps_viz.geometry import back_project
@@ -206,8 +206,8 @@ def find_level(
         up=found,
         floor_height_m=floor_m,
         tilt_deg=tilt,
-        level_stated=None if stated is None else _level_share(normals, stated),
-        level_found=_level_share(normals, found),
+        level_stated=None if stated is None else level_share(normals, stated, LEVEL_DEG),
+        level_found=level_share(normals, found, LEVEL_DEG),
         held=stated is None or _held(axes, found) > _held(axes, stated) - HELD,
         floor_error_m=floor_error_m,
     )
@@ -245,11 +245,6 @@ def _normals(frames: list[Frame]) -> NDArray:
         normal /= np.linalg.norm(normal, axis=1, keepdims=True) + 1e-12
         found.append(normal @ frame.T_world_camera[:3, :3].T)
     return np.concatenate(found)
-
-
-def _level_share(normals: NDArray, up: NDArray) -> float:
-    """Return the share of normals that point up."""
-    return float((normals @ up > np.cos(np.deg2rad(LEVEL_DEG))).mean())
 
 
 Severity = Literal["error", "warning", "note"]

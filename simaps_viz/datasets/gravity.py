@@ -65,10 +65,9 @@ LOWEST_SHARE = 0.01
 """Share of the points that may lie below a floor that nobody sees."""
 UNSEEN_FLOOR_M = 1.5
 """How far the floor is taken to lie below the cameras where nothing at all is seen."""
-
-
-LEVEL_DEG, LEVEL_SHARE = 5.0, 0.2
-"""A stated up is doubted from so far off, where at least so many surfaces are level with another one, twice as many."""
+OFF_DEG, LEVEL_SHARE = 5.0, 0.2
+"""A stated up is doubted from so far off, if so large a share of surfaces, and twice that of its own, is level with
+the one that surfaces say."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,9 +112,9 @@ def _off_level(surface: Surface, poses: NDArray, up: NDArray) -> str:
     except InputError:
         return ""
     stated = up / np.linalg.norm(up)
-    level = [float((np.abs(surface.normals @ one) > np.cos(np.deg2rad(LEVEL_DEG))).mean()) for one in (stated, seen)]
     off_deg = float(np.rad2deg(np.arccos(np.clip(stated @ seen, -1.0, 1.0))))
-    if off_deg < LEVEL_DEG or level[1] < LEVEL_SHARE or level[1] < 2.0 * level[0]:
+    with_stated, with_seen = (level_share(surface.normals, one, OFF_DEG) for one in (stated, seen))
+    if off_deg < OFF_DEG or with_seen < max(LEVEL_SHARE, 2.0 * with_stated):
         return ""
     return f"surfaces say up is {off_deg:.0f}° from the one stated; `simaps check` measures it, --up X,Y,Z states it"
 
@@ -302,6 +301,11 @@ def _spread(points: NDArray) -> NDArray:
 def faces_up(surface: Surface, up: NDArray) -> NDArray:
     """Return which points [n] lie on surface that faces up ([3], unit length) within 20 degrees, bool."""
     return surface.normals @ up > np.cos(np.deg2rad(20.0))
+
+
+def level_share(normals: NDArray, up: NDArray, within_deg: float) -> float:
+    """Return the share of unit normals, [n, 3], that are within an angle of up, [3], unit length."""
+    return float((normals @ up > np.cos(np.deg2rad(within_deg))).mean())
 
 
 def _fibonacci_sphere(count: int) -> NDArray:

@@ -85,6 +85,7 @@ _COMPASS: Final = {
 }  # fmt: skip
 _TURNS: Final = {"front": 0.0, "left": 0.5 * np.pi, "behind": np.pi, "right": -0.5 * np.pi}
 _MOST_IN_PLACE: Final = tuple(SAID["most"][key] for key in ("far", *_TURNS, *_COMPASS))
+"""What the first of an order is called where doubtful things come after the certain ones."""
 _BY_SIZE: Final[dict[str, tuple[str, int]]] = SAID["by_size"]
 """{key of order: what it measures, and 1 where the most of it comes first, else -1}."""
 
@@ -1129,8 +1130,7 @@ class Sets(Grounding):
 
     def _with_certain(self, found: Things, n: int) -> Things:
         """Return what is ordered by place, not nearness, without the doubtful before the nth certain one; note them."""
-        far = f"{SAID['most']['far']} "
-        most = found.most or (SAID["most"]["far"] if found.after.rpartition(", ")[2].startswith(far) else "")
+        most = found.most or SAID["most"].get(_distance_order(found), "")
         unsure = [isinstance(item, Instance) and item.id in self.simap.doubtful for item in found.items]
         certain = [k for k, is_unsure in enumerate(unsure) if not is_unsure][:n]
         if most not in _MOST_IN_PLACE or len(certain) < n or certain[-1] < n:
@@ -1167,8 +1167,7 @@ class Sets(Grounding):
         """Remember what is chosen from, in its order, for whoever is shown the choice."""
         self.among = tuple(i.id for i in found.items if isinstance(i, Instance))
         self.ranking = found.number() + (f", the {found.most} first" if found.most else "")
-        by = tuple(f"{SAID['most'][key]} " for key in ("near", "far"))
-        measured = not found.most and found.after.rpartition(", ")[2].startswith(by)
+        measured = not found.most and _distance_order(found)
         self.away_m = tuple(abs(at) * self.simap.spec.cell_size_m for at in found.levels) if measured else ()
         return found
 
@@ -1374,6 +1373,12 @@ class Sets(Grounding):
 def pair_words(a: Instance, b: Instance) -> str:
     """Speak of two things: "the couch and the lamp", and of two of one class by their names."""
     return f"{a.name} and {b.name}" if a.label == b.label else f"the {a.label} and the {b.label}"
+
+
+def _distance_order(found: Things) -> str:
+    """Return "near" or "far" where a set is in the order of its distance from others, as its words say, else empty."""
+    last = found.after.rpartition(", ")[2]
+    return next((key for key in ("near", "far") if last.startswith(SAID["most"][key])), "")
 
 
 def _side_words(side: str) -> str:

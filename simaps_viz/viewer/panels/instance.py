@@ -149,9 +149,10 @@ class FindBox(Panel):
 
     def _typed(self) -> None:
         with self._typing:  # a change is told by a thread of its own: the last one is to have the last word
-            self._take_in()
+            self._find()
 
-    def _take_in(self) -> None:
+    def _find(self) -> None:
+        """Look up what the box says now."""
         text = str(self._box.value)
         entered = "\n" in text
         if entered:
