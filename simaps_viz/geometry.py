@@ -164,3 +164,25 @@ def moved(cells: NDArray, shift: tuple[int, int], shape: tuple[int, int], empty:
         source = tuple(slice(a - s, b - s) for a, b, s in zip(low, high, shift, strict=True))
         result[low[0] : high[0], low[1] : high[1]] = cells[source]
     return result
+
+
+def shared_cells(one: NDArray, other: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+    """Count the cells that each pair of ids has in common.
+
+    Cells of one pair that follow each other count at once, as there are far fewer such runs than cells.
+
+    Args:
+        one: ids, int of any shape, 0 = none.
+        other: ids of the same cells.
+
+    Returns:
+        int64 [n] each, ascending: the ids of ``one``, those of ``other``, and how many cells have both.
+    """
+    one, other = one.reshape(-1), other.reshape(-1)
+    differs = (one[1:] != one[:-1]) | (other[1:] != other[:-1])
+    start = np.flatnonzero(np.concatenate([np.ones(min(one.size, 1), np.bool_), differs]))
+    cells = np.diff(start, append=one.size)
+    there = (one[start] > 0) & (other[start] > 0)
+    start, cells = start[there], cells[there]
+    pairs, at = np.unique(one[start].astype(np.int64) << 32 | other[start], return_inverse=True)
+    return pairs >> 32, pairs & 0xFFFFFFFF, np.bincount(at, weights=cells, minlength=len(pairs)).astype(np.int64)

@@ -1,6 +1,7 @@
 """The data structures that a user holds: frames, grids, maps, poses. All are frozen; arrays are not copied."""
 
 import math
+import threading
 import weakref
 from collections import Counter, defaultdict
 from collections.abc import Mapping
@@ -434,6 +435,34 @@ class Room:
     doors: tuple[Door, ...]
 
 
+class _FoundOnce(cached_property):
+    """A property that is computed when first asked for; other threads that ask for that of the same map wait.
+
+    Those of `functools.cached_property` wait for all other maps, too, before Python 3.12, and for none from then on.
+    """
+
+    _locks: ClassVar[weakref.WeakKeyDictionary[Any, threading.RLock]] = weakref.WeakKeyDictionary()
+    _of_locks = threading.Lock()
+
+    def __get__(self, instance: Any, owner: type | None = None) -> Any:
+        if instance is None:
+            return self
+        known, name = vars(instance), str(self.attrname)
+        if name not in known:
+            with self._of_locks:
+                lock = self._locks.setdefault(instance, threading.RLock())
+            with lock:
+                if name not in known:
+                    known[name] = self.func(instance)
+        return known[name]
+
+
+if TYPE_CHECKING:
+    found_once = cached_property
+else:
+    found_once = _FoundOnce
+
+
 @dataclass(frozen=True, eq=False)
 class SIMap:
     """A Semantic Instance Map, with all that is needed to explain it and to partition it again."""
@@ -580,20 +609,20 @@ class SIMap:
         """
         return self._points
 
-    @cached_property
+    @found_once
     def _points(self) -> Points:
         import simaps_viz  # noqa: PLC0415 - see below
 
         return simaps_viz.surface_points(self)
 
-    @cached_property
+    @found_once
     def in_space(self) -> Mapping[int, InSpace]:
         """{id: where the object is in space}, found when first asked for; from columns on a map without voxels."""
         import simaps_viz  # noqa: PLC0415 - see below
 
         return simaps_viz.objects_in_space(self)
 
-    @cached_property
+    @found_once
     def _plan(self) -> "FloorPlan":
         import simaps_viz  # noqa: PLC0415 - see below
 

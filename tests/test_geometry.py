@@ -1,5 +1,7 @@
 """Properties of poses, back-projection and the map frame."""
 
+from collections import Counter
+
 import numpy as np
 import pytest
 from hypothesis import assume, example, given
@@ -15,6 +17,7 @@ from simaps_viz.geometry import (
     invert_pose,
     map_from_world,
     project,
+    shared_cells,
     transform_points,
     turned,
     turned_pose,
@@ -190,6 +193,15 @@ def test_a_turned_camera_sees_the_same_points(axis: NDArray, angle_rad: float, t
     np.testing.assert_allclose(points(found), turned(points(frame), turns), atol=1e-6)
     np.testing.assert_allclose(found.turned(-turns).T_world_camera, pose)
     assert found.turned(-turns).intrinsics == frame.intrinsics
+
+
+@given(ids=arrays(np.int32, (2, 4, 9), elements=st.integers(0, 3)))
+def test_cells_that_two_layers_share_are_counted(ids: NDArray) -> None:
+    twin = Counter(pair for pair in zip(*ids.reshape(2, -1).tolist(), strict=True) if min(pair) > 0)
+    assert list(zip(*(counts.tolist() for counts in shared_cells(*ids)), strict=True)) == sorted(
+        (*pair, cells) for pair, cells in twin.items()
+    )
+    assert [len(counts) for counts in shared_cells(*ids[:, :0])] == [0, 0, 0]
 
 
 @given(

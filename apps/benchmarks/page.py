@@ -46,7 +46,8 @@ NO_NOTES = """() => {
   document.head.append(style);
 }"""
 """viser's word about software WebGL lies over the map. Hidden, not removed: the page's own code will remove it."""
-CHANGED = f"([place, before]) => ({PIXEL})(place) !== before"
+PIXELS = f"(places) => places.map({PIXEL}).join(';')"
+CHANGED = f"([places, before]) => ({PIXELS})(places) !== before"
 PANEL_FULL = """(facts) => {
   const text = document.body.innerText;
   return text.includes(facts) && /Its best views|not at hand|No frame named/.test(text) && !text.includes('Fetching');
@@ -127,14 +128,14 @@ def slider(browser: "Browser", simap: SIMap, *, runs: int, target_s: float = 0.5
     with opened(browser, simap) as (page, workbench):
         page.wait_for_timeout(SETTLED_MS)
         box = _box(page, "K (%)")
-        place = list(_on_canvas(page, workbench, *_part_that_splits(simap)))
+        places = [list(_on_canvas(page, workbench, *middle)) for middle in _parts_that_split(simap)]
         for run in range(runs + 1):  # the first one warms up
             page.wait_for_timeout(SETTLED_MS)
-            before = page.evaluate(PIXEL, place)
+            before = page.evaluate(PIXELS, places)
             start = time.perf_counter()
             box.fill(str(99 - run // 2 if run % 2 == 0 else 1 + run // 2))
             box.press("Enter")
-            page.wait_for_function(CHANGED, arg=[place, before], polling="raf")
+            page.wait_for_function(CHANGED, arg=[places, before], polling="raf")
             seconds.append(time.perf_counter() - start)
     return Timing(f"slider to changed pixel, {_cells(simap)}", target_s, seconds[1:])
 
@@ -275,12 +276,19 @@ def _near_the_middle(simap: SIMap) -> list[Instance]:
     )
 
 
-def _part_that_splits(simap: SIMap) -> tuple[float, float]:
-    """Return the middle of the largest of many second parts that any K up to 5 joins and any above 90 splits off."""
-    sources = simap.merges.source[(simap.merges.score > 0.05) & (simap.merges.score < 0.9)]
-    cells = np.bincount(simap.community.reshape(-1))
-    row, col = np.nonzero(simap.community == sources[cells[sources].argmax()])
-    return simap.spec.centre_of(float(np.median(row)), float(np.median(col)))
+def _parts_that_split(simap: SIMap) -> list[tuple[float, float]]:
+    """Return the middles of two parts that any K up to 5 joins and any above 90 splits, the second as large as can be.
+
+    As they touch, they have two colours apart and one together: one of them changes its own.
+    """
+    merges, cells = simap.merges, np.bincount(simap.community.reshape(-1))
+    may_split = np.flatnonzero((merges.score > 0.05) & (merges.score < 0.9))
+    chosen = may_split[cells[merges.source[may_split]].argmax()]
+    middles = []
+    for part in (merges.target[chosen], merges.source[chosen]):
+        row, col = np.nonzero(simap.community == part)
+        middles.append(simap.spec.centre_of(float(np.median(row)), float(np.median(col))))
+    return middles
 
 
 def _on_canvas(page: "Page", workbench: "Workbench", x_m: float, y_m: float) -> tuple[float, float]:

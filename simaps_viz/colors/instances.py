@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from simaps_viz.colors.array_cache import ArrayCache
 from simaps_viz.colors.classes import COMMON, class_color
 from simaps_viz.colors.palette import ALIKE, PALETTE, Color, as_color, color_of_number
-from simaps_viz.geometry import moved
+from simaps_viz.geometry import moved, shared_cells
 from simaps_viz.structures import GridSpec, MergeLog, SIMap
 
 TOUCHES, CLOSE, NEAR = 100, 10, 1
@@ -406,13 +406,9 @@ def _places_of(colors: NDArray) -> NDArray:
 def _places_by_overlap(ids: NDArray, old: NDArray, places: NDArray, size: int) -> NDArray:
     """Return, for each id, the palette place of the old id that it overlaps most, int [size]; -1 = none."""
     found = np.full(size, -1)
-    both = (ids > 0) & (old > 0)
-    if both.any():
-        base = int(old.max()) + 1
-        keys, shared = np.unique(ids[both].astype(np.int64) * base + old[both], return_counts=True)
-        mine, theirs = np.divmod(keys, base)
-        order = np.argsort(shared, kind="stable")
-        found[mine[order]] = places[theirs[order]]  # the last written is the largest overlap
+    mine, theirs, shared = shared_cells(ids, old)
+    order = np.argsort(shared, kind="stable")
+    found[mine[order]] = places[theirs[order]]  # the last written is the largest overlap
     return found
 
 

@@ -12,6 +12,7 @@ from simaps_viz.colors.palette import Color
 from simaps_viz.drawing.sheet import INK, fitting, write
 from simaps_viz.drawing.texture import MapPicture
 from simaps_viz.drawing.theme import LIGHT, Theme, short
+from simaps_viz.geometry import shared_cells
 from simaps_viz.mapping.method import percent_text
 from simaps_viz.structures import GridSpec
 
@@ -88,11 +89,9 @@ def errors_of(maps: "TwoMaps") -> NDArray:
         float [rows, cols]: 1 - the intersection over union with the object of the other map that shares most with it;
         1 where that has another class; of the objects of both maps, the larger error; NaN on no object of either.
     """
-    left, right = maps.left.instance.astype(np.int64), maps.right.instance.astype(np.int64)
+    left, right = maps.left.instance, maps.right.instance
     areas = [np.bincount(ids.reshape(-1)) for ids in (left, right)]
-    both = (left > 0) & (right > 0)
-    keys, shared = np.unique(left[both] * len(areas[1]) + right[both], return_counts=True)
-    pairs = np.divmod(keys, len(areas[1]))
+    *pairs, shared = shared_cells(left, right)
     iou = shared / (areas[0][pairs[0]] + areas[1][pairs[1]] - shared)
     worst = np.full(left.shape, np.nan)
     for side, ids in enumerate((left, right)):

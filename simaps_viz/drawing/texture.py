@@ -246,15 +246,27 @@ def photo(simap: SIMap, theme: Theme = LIGHT) -> NDArray:
 
 
 def outline_segments(simap: SIMap, *ids: int, z_m: float = 0.0) -> NDArray:
-    """Return the cell edges around each of the instances, float32 [n, 2, 3], map frame, metres; n = 0 without cells."""
+    """Return the lines around each of the instances, float32 [n, 2, 3], map frame, metres; n = 0 without cells.
+
+    Edges of cells that follow each other straight on are one line: what draws them is asked for far fewer.
+    """
+    if not ids:
+        return np.zeros((0, 2, 3), np.float32)
     inside = np.pad(np.where(np.isin(simap.instance, ids), simap.instance, 0), 1)
-    s, x0, y0 = simap.spec.cell_size_m, simap.spec.x0_m, simap.spec.y0_m
-    row, col = np.nonzero(inside[1:, :] != inside[:-1, :])
-    level = np.stack([np.stack([col - 1, row], -1), np.stack([col, row], -1)], 1)
-    row, col = np.nonzero(inside[:, 1:] != inside[:, :-1])
-    upright = np.stack([np.stack([col, row - 1], -1), np.stack([col, row], -1)], 1)
-    corners = np.concatenate([level, upright]) * s + (x0, y0)
+    row, start, end = _straight(inside[1:, :] != inside[:-1, :])
+    level = np.stack([np.stack([start, row], -1), np.stack([end, row], -1)], 1)
+    col, start, end = _straight((inside[:, 1:] != inside[:, :-1]).T)
+    upright = np.stack([np.stack([col, start], -1), np.stack([col, end], -1)], 1)
+    spec = simap.spec
+    corners = np.concatenate([level, upright]) * spec.cell_size_m + (spec.x0_m, spec.y0_m)
     return np.concatenate([corners, np.full((*corners.shape[:2], 1), z_m)], axis=2).astype(np.float32)
+
+
+def _straight(edges: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+    """Return the runs of true in each row of a padded picture bool [rows, cols]: row, first corner, corner after it."""
+    steps = np.diff(edges.astype(np.int8), axis=1)  # the padding is never true
+    row, start = np.nonzero(steps == 1)
+    return row, start, np.nonzero(steps == -1)[1]
 
 
 def _ground(simap: SIMap, mode: ColorMode) -> tuple[NDArray, int]:

@@ -17,7 +17,7 @@ from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.datasets.source import FrameSource, read_ahead
 from simaps_viz.errors import InputError
 from simaps_viz.events import Progress
-from simaps_viz.geometry import moved
+from simaps_viz.geometry import moved, shared_cells
 from simaps_viz.mapping.accumulator import MapAccumulator, ProjectionSettings
 from simaps_viz.mapping.partition import empty_log, empty_views
 from simaps_viz.mapping.simap import Origin, assemble
@@ -72,11 +72,10 @@ def partners(cells: NDArray, reference: NDArray) -> dict[int, int]:
         cells: int, any shape, 0 = none.
         reference: the same cells.
     """
-    both = (cells > 0) & (reference > 0)
-    pairs, shared = np.unique(np.stack([cells[both], reference[both]], axis=1), axis=0, return_counts=True)
+    mine, theirs, shared = shared_cells(cells, reference)
     best: dict[int, int] = {}
     for at in np.argsort(-shared, kind="stable").tolist():
-        best.setdefault(int(pairs[at, 0]), int(pairs[at, 1]))
+        best.setdefault(int(mine[at]), int(theirs[at]))
     return best
 
 

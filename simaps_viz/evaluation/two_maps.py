@@ -449,6 +449,7 @@ class MapMaker:
         self._folder, self.sequence = folder, sequence
         """None as long as its frames are not there."""
         self._truth = truth if truth is not None and truth.is_file() else None
+        self._exact: FrameSource | None = None
         self._made: dict[Path, SIMap] = {}
         self._in_space: dict[Path, SpaceTruth] = {}
 
@@ -457,9 +458,15 @@ class MapMaker:
         """Whether the truth is a file, so that no frame need be read for it."""
         return self._truth is not None
 
+    def _with_exact_ids(self) -> FrameSource | None:
+        """Return the sequence with exact ids, which is read once for all pages; None as long as there is none."""
+        if self._exact is None and self.sequence is not None:
+            self._exact = exact_of(self.sequence)
+        return self._exact
+
     def sources(self, simap: SIMap) -> tuple[Source, ...]:
         """Return the maps that ``make`` can make for a map; without a sequence none but a truth that is a file."""
-        known = self.has_truth or (self.sequence is not None and exact_of(self.sequence) is not None)
+        known = self.has_truth or self._with_exact_ids() is not None
         truth = (Source(TRUTH, "Ground truth"),) if known else ()
         if self.sequence is None:
             return truth
@@ -490,7 +497,7 @@ class MapMaker:
 
     def truth_in_space(self, simap: SIMap, tell: Progress) -> SpaceTruth:
         """Return the true objects in space for a map; arguments and errors as of `make`."""
-        exact = None if self.sequence is None else exact_of(self.sequence)
+        exact = self._with_exact_ids()
         if exact is None:
             raise InputError("comparison: expected the sequence the map was built from, with exact ids, found none")
         kept = self._kept(TRUTH, simap, exact)

@@ -39,30 +39,41 @@ class Doubt:
     """An object, and why it may be wrong."""
 
     instance: Instance
+    strength: float
+    """0 to 1: the reasons together."""
     weight: float
-    """0 to 1: reasons add up, and large objects count more, as what is wrong with them does."""
+    """0 to 1: the strength, less for small objects, as what is wrong with them matters less."""
     brief: str
     """The strongest reason in a few words."""
     reasons: tuple[str, ...]
     """Sentences, the strongest reason first."""
 
 
-def doubts(simap: SIMap, but: Collection[int] = ()) -> tuple[Doubt, ...]:
-    """Return the doubtful objects of a map, the most doubtful first, without those whose ids are in ``but``."""
+def doubts(simap: SIMap, but: Collection[int] = (), among: frozenset[int] | None = None) -> tuple[Doubt, ...]:
+    """Return the doubtful objects of a map, the most doubtful first.
+
+    Args:
+        simap: the map.
+        but: ids of those to leave out, which no other is measured by either.
+        among: ids of those that are asked about; None = all.
+    """
     found: dict[int, list[tuple[float, str, str]]] = defaultdict(list)
     areas = {label: [one.cells for one in simap.of_class(label) if one.id not in but] for label in simap.counts()}
+    usual = {label: _usual(of_class) for label, of_class in areas.items() if len(of_class) >= ENOUGH}
     names = {one.id: one for one in simap.instances}
     sure_frames = min(SURE_FRAMES, len(simap.frame_names) / FRAMES_PER_GLANCE + 1.0)
     # What the frames said of it, and how large it is.
     for one in simap.instances:
-        about, others = found[one.id], areas[one.label]
+        if among is not None and one.id not in among:
+            continue
+        about = found[one.id]
         brief = f"class unsure, {percent_text(one.score)}"
         text = f"The frames name its class with a confidence of {percent_text(one.score)} on average."
         about.append(((SURE_SCORE - one.score) / SURE_SCORE, brief, text))
         seen = f"seen in {plural(one.frames, 'frame')} of {len(simap.frame_names)}"
         about.append((1.0 - one.frames / sure_frames, seen, f"It was {seen}."))
-        if len(others) >= ENOUGH:
-            share = one.cells / _usual(others)
+        if one.label in usual:
+            share = one.cells / usual[one.label]
             text = f"It has {share:.2g} times the area that is usual for its class here: it may be"
             about.append((min(share / LARGE - 1.0, 0.8), f"{share:.1f} times the usual size", f"{text} several."))
             about.append((0.6 * (1.0 - share / SMALL), "far below the usual size", f"{text} a part of one, or none."))
@@ -74,18 +85,25 @@ def doubts(simap: SIMap, but: Collection[int] = ()) -> tuple[Doubt, ...]:
             text = f"Its surface spans {long_m:.1f} × {wide_m:.1f} m, but it has {plural(one.cells, 'cell')} only."
             about.append((0.8 * (1.0 - share / THIN), "few cells for its size", f"{text} It may be a part, or none."))
         about += _shared_places(one, names)
-    _note_margins(simap, found, names)
+    _note_margins(simap, found, names, among)
     listed = []
     for number, about in found.items():
         why = sorted((one for one in about if one[0] >= LEAST), key=lambda one: -one[0])
-        if why and number in names and number not in but:
+        if why and number in names and number not in but and (among is None or number in among):
             large = names[number].cells / (names[number].cells + HALF_CELLS)
-            weight = large * (1.0 - float(np.prod([1.0 - weight for weight, _, _ in why])))
-            listed.append(Doubt(names[number], weight, why[0][1], tuple(text for _, _, text in why)))
+            strength = 1.0 - float(np.prod([1.0 - weight for weight, _, _ in why]))
+            listed.append(
+                Doubt(names[number], strength, large * strength, why[0][1], tuple(text for _, _, text in why))
+            )
     return tuple(sorted(listed, key=lambda doubt: (-doubt.weight, doubt.instance.id)))
 
 
-def _note_margins(simap: SIMap, found: dict[int, list[tuple[float, str, str]]], names: Mapping[int, Instance]) -> None:
+def _note_margins(
+    simap: SIMap,
+    found: dict[int, list[tuple[float, str, str]]],
+    names: Mapping[int, Instance],
+    among: frozenset[int] | None,
+) -> None:
     """Add to what is found how near objects are to being two, or one with another."""
     log, threshold = simap.merges, joining_threshold(simap.method, simap.parameters)
     applied, owner = applied_steps(log, threshold), owner_of_community(simap)
@@ -95,21 +113,24 @@ def _note_margins(simap: SIMap, found: dict[int, list[tuple[float, str, str]]], 
     for at, (source, target) in enumerate(zip(log.source.tolist(), log.target.tolist(), strict=True)):
         one, other = names.get(int(owner[source])), names.get(int(owner[target]))
         doubt = 0.7 * (1.0 - abs(float(log.score[at]) - threshold) / SLIM)
-        parts = sorted((int(cells[source]), int(cells[target])))
-        score = score_text(simap.method, float(log.score[at]), threshold)
-        said = f"{score}, where more than {needed_text(simap.method, threshold)} is needed"
         if applied[at]:
-            if one is not None and parts[0] >= MIN_SHARE * one.cells:
+            parts = sorted((int(cells[source]), int(cells[target])))
+            if one is not None and doubt > LEAST and parts[0] >= MIN_SHARE * one.cells:
+                score = score_text(simap.method, float(log.score[at]), threshold)
+                said = f"{score}, where more than {needed_text(simap.method, threshold)} is needed"
                 text = f"Two parts of it, {parts[0]} and {parts[1]} cells, were joined by a slim margin: {said}."
                 found[one.id].append((doubt, "hardly joined, may be two", f"{text} It may be two."))
             cells[target] += cells[source]
         elif one is not None and other is not None:
             ours, theirs = meets.get(source, {one.id}), meets.get(target, {other.id})
             meets[target] = ours | theirs
-            near = {} if ours & theirs or doubt <= LEAST else {(one.id, other.id): doubt}
-            if near and len(ours) + len(theirs) > 2:  # the score is of all of them together: ask which two are as near
-                asked += len(ours) * len(theirs)
-                near = _near_pairs(simap, ours, theirs, threshold) if asked <= MOST_ASKED else {}
+            near = {}
+            if doubt > LEAST and not ours & theirs:
+                wanted = [(a, b) for a in ours for b in theirs if among is None or not among.isdisjoint((a, b))]
+                near = dict.fromkeys(wanted, doubt)
+                if len(ours) + len(theirs) > 2:  # the score is of all of them together: ask which two are as near
+                    asked += len(wanted)
+                    near = _near_pairs(simap, wanted, threshold) if asked <= MOST_ASKED else {}
             for (first, second), weight in near.items():
                 _note_near(found, names[first], names[second], weight)
 
@@ -123,9 +144,9 @@ def _note_near(found: dict[int, list[tuple[float, str, str]]], one: Instance, ot
         found[this.id] = [*others, (weight, brief, f"It was nearly joined with {that.name}. The two may be one.")]
 
 
-def _near_pairs(simap: SIMap, ours: set[int], theirs: set[int], threshold: float) -> dict[tuple[int, int], float]:
-    """Return the pairs of two objects, one of each group, that were nearly joined, and the doubt that each raises."""
-    links = {(a, b): between(simap, a, b).link for a in ours for b in theirs}
+def _near_pairs(simap: SIMap, wanted: Collection[tuple[int, int]], threshold: float) -> dict[tuple[int, int], float]:
+    """Return which pairs of objects were nearly joined, and the doubt that each raises."""
+    links = {(a, b): between(simap, a, b).link for a, b in wanted}
     scores = {pair: link.score for pair, link in links.items() if link is not None and not np.isnan(link.score)}
     return {pair: 0.7 * (1.0 - abs(score - threshold) / SLIM) for pair, score in scores.items()}
 

@@ -1,8 +1,9 @@
 """Objects in space: their boxes, and what stands on, under and in what, from the voxels of their surfaces."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Final
+from functools import lru_cache, wraps
+from typing import Any, Concatenate, Final, ParamSpec, TypeVar
 
 import cv2
 import numpy as np
@@ -41,6 +42,27 @@ _AHEAD: Final = [step for step in _AROUND if step > 0]
 """From a voxel to half of those that touch it."""
 MIN_ON, MIN_UNDER, MIN_INSIDE = 0.5, 0.3, 0.5
 """Shares of an object's cells from which it stands on, under or in another."""
+
+
+_REMEMBERED: Final = 1024
+"""Objects whose body, box and shape are kept: most stay as they are when a slider cuts others."""
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def _remembered(compute: Callable[Concatenate[NDArray, P], R]) -> Callable[Concatenate[NDArray, P], R]:
+    """Return a function of an object's voxels, int64 [n], that does not compute the latest results again."""
+
+    @lru_cache(_REMEMBERED)
+    def found(voxels: bytes, *args: Any, **kwargs: Any) -> R:
+        return compute(np.frombuffer(voxels, np.int64), *args, **kwargs)
+
+    @wraps(compute)
+    def of(keys: NDArray, /, *args: P.args, **kwargs: P.kwargs) -> R:
+        return found(keys.tobytes(), *args, **kwargs)
+
+    return of
 
 
 def voxel_keys(positions: ArrayLike, origin_m: tuple[float, float]) -> NDArray:
@@ -124,6 +146,7 @@ def without_strays(keys: NDArray) -> NDArray:
     return _body(keys)[0]
 
 
+@_remembered
 def _body(keys: NDArray) -> tuple[NDArray, int]:
     """Return an object's voxels without strays, and how many the largest patch has."""
     if len(keys) == 0:
@@ -199,6 +222,7 @@ def whole_objects(voxels: Mapping[int, NDArray], class_of: Mapping[int, int | st
     }
 
 
+@_remembered
 def box_of(keys: NDArray, origin_m: tuple[float, float], *, trim_percent: float = FRINGE_PERCENT) -> Box:
     """Return the box round an object's voxels: turned as the rectangle of least area round their centres.
 
@@ -244,22 +268,23 @@ class _Shape:
     """int64 [3]."""
     high: NDArray
 
-    @classmethod
-    def of(cls, keys: NDArray) -> "_Shape":
-        indices = voxel_indices(keys)
-        columns, first = np.unique(keys >> Z_BITS, return_index=True)
-        last = np.r_[first[1:], len(keys)] - 1
-        bare = ~np.logical_or.reduce([among(keys + up, keys) for up in range(1, _LEGS + 1)])
-        bottom = int(np.percentile(indices[:, 2], 2, method="lower"))
-        return cls(
-            keys, indices, columns, indices[first, 2], indices[last, 2], indices[bare], bottom,
-            indices.min(axis=0), indices.max(axis=0),
-        )  # fmt: skip
-
     @property
     def cells(self) -> NDArray:
         """int64 [m, 2], x and y of the columns."""
         return voxel_indices(self.columns << Z_BITS)[:, :2]
+
+
+@_remembered
+def _shape_of(keys: NDArray) -> _Shape:
+    indices = voxel_indices(keys)
+    columns, first = np.unique(keys >> Z_BITS, return_index=True)
+    last = np.r_[first[1:], len(keys)] - 1
+    bare = ~np.logical_or.reduce([among(keys + up, keys) for up in range(1, _LEGS + 1)])
+    bottom = int(np.percentile(indices[:, 2], 2, method="lower"))
+    return _Shape(
+        keys, indices, columns, indices[first, 2], indices[last, 2], indices[bare], bottom,
+        indices.min(axis=0), indices.max(axis=0),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,7 +307,7 @@ def relations(voxels: Mapping[int, NDArray]) -> dict[int, Relations]:
     Args:
         voxels: {object: sorted keys}; no object is empty.
     """
-    shapes = {number: _Shape.of(keys) for number, keys in voxels.items()}
+    shapes = {number: _shape_of(keys) for number, keys in voxels.items()}
     found = {number: Relations({}, {}, {}) for number in shapes}
     for a, b in _near_pairs(shapes):
         one, other = shapes[a], shapes[b]

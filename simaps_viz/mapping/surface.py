@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.geometry import shared_cells
 from simaps_viz.mapping.in_space import column_points
 from simaps_viz.mapping.projection import STEPS_PER_M
 from simaps_viz.structures import GridSpec, Instance, Points, SIMap
@@ -120,13 +121,12 @@ def surface_among(simap: SIMap, community: NDArray) -> tuple[Surface | None, tup
     if surface is None:
         return None, ()
     # Each old community goes with the new one that has most of its cells (ties: the smallest), hidden ones move on.
-    old, new = simap.community.reshape(-1), community.reshape(-1)
-    cell = np.flatnonzero((old > 0) & (new > 0))
-    pairs, cells = np.unique((old[cell].astype(np.int64) << 32) | new[cell], return_counts=True)
-    order = np.lexsort((-pairs, cells))  # the largest share is written last
-    highest = max(int(old.max(initial=0)), int(surface.owner.max(initial=0)), *(one.id for one in simap.hidden), 0)
+    old, new, cells = shared_cells(simap.community, community)
+    order = np.lexsort((-new, -old, cells))  # the largest share is written last
+    ids = (simap.community.max(initial=0), surface.owner.max(initial=0), *(one.id for one in simap.hidden))
+    highest = int(max(ids))
     after = np.zeros(highest + 1, np.int32)
-    after[pairs[order] >> 32] = pairs[order] & 0xFFFFFFFF
+    after[old[order]] = new[order]
     first = int(community.max(initial=0)) + 1
     hidden = tuple(replace(one, id=first + k) for k, one in enumerate(simap.hidden))
     for one, moved in zip(simap.hidden, hidden, strict=True):

@@ -37,6 +37,8 @@ than walls are, and than things that the network has no word for."""
 _KINDS = len(_NOTHING_EDGES_M) + 1
 _STEP_EDGES_M = np.array([0.003, 0.006, 0.01, 0.015, 0.02, 0.03, 0.05, 0.1, 0.3], dtype=np.float32)
 """Steps between neighbours are counted apart at these."""
+_AROUND = ((0, 1), (1, 0), (1, 1), (1, -1))
+"""Half of a cell's eight neighbours; the others have it as one of these."""
 _HEIGHT_M = 0.05
 _IMAGINED = 10.0
 """Readings, or cells, that a class is imagined to have had like all others, before its own are counted."""
@@ -84,10 +86,11 @@ def learn_classes(
     level = np.floor(np.where(seen, top, 0.0).astype(np.float64) / _HEIGHT_M).astype(np.int32)
     level -= level.min(initial=0)
     levels = int(level.max(initial=0)) + 1
+    steps = _steps(first, top)
     for done in range(rounds):
         field = _FIELD if done >= _ALONE else 0.0
-        tables = _tables(*_count(first, candidate, share, following, label, counts, top, level, levels, len(classes)))
-        share = _weigh(first, candidate, share, following, label, counts, top, level, *tables, field)
+        tables = _tables(*_count(first, candidate, share, following, label, counts, steps, level, levels, len(classes)))
+        share = _weigh(first, candidate, share, following, label, counts, steps, level, *tables, field)
     return _likeliest(named, first, classes[np.maximum(candidate - _KINDS + 1, 0)], share)
 
 
@@ -107,13 +110,33 @@ def _shown_as(one: int) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _step_between(one: float, other: float) -> int:
-    """Return the position of the step between two tops among those that are counted apart."""
-    step = abs(one - other)
-    at = 0
-    while at < len(_STEP_EDGES_M) and step >= _STEP_EDGES_M[at]:
-        at += 1
-    return at
+def _steps(first: NDArray, top: NDArray) -> NDArray:
+    """Return the place of the step to each neighbour of `_AROUND` among those counted apart; -1 where none is read.
+
+    Args:
+        first: int64 [cells + 1], where the list of each cell begins.
+        top: float32 [rows, cols].
+
+    Returns:
+        int8 [cells, 4].
+    """
+    rows, cols = top.shape
+    steps = np.full((rows * cols, len(_AROUND)), -1, dtype=np.int8)
+    for row in range(rows):
+        for col in range(cols):
+            c = row * cols + col
+            if first[c] == first[c + 1]:
+                continue
+            for d in range(len(_AROUND)):
+                r, k = row + _AROUND[d][0], col + _AROUND[d][1]
+                if r >= rows or not 0 <= k < cols or first[r * cols + k] == first[r * cols + k + 1]:
+                    continue
+                step = abs(top[row, col] - top[r, k])
+                at = 0
+                while at < len(_STEP_EDGES_M) and step >= _STEP_EDGES_M[at]:
+                    at += 1
+                steps[c, d] = at
+    return steps
 
 
 @njit(cache=True, nogil=True)
@@ -183,14 +206,14 @@ def _add(
 
 
 @njit(cache=True, nogil=True)
-def _count(  # noqa: C901, PLR0912 - one loop over shared arrays
+def _count(  # noqa: C901 - one loop over shared arrays
     first: NDArray,  # int64 [cells + 1]
     candidate: NDArray,  # int16 [n]
     share: NDArray,  # float64 [n], how likely
     following: NDArray,  # int32 [entries]
     label: NDArray,  # int16 [entries]
     counts: NDArray,  # int32 [entries, depths]
-    top: NDArray,  # float32 [rows, cols]
+    steps: NDArray,  # int8 [cells, 4]
     level: NDArray,  # int32 [rows, cols]
     levels: int,
     classes: int,
@@ -201,7 +224,7 @@ def _count(  # noqa: C901, PLR0912 - one loop over shared arrays
         float64 [depths, read as, class]; float64 [levels, class]; and of neighbours side by side and across a corner,
         float64 [2, steps], those of one class and all.
     """
-    rows, cols = top.shape
+    rows, cols = level.shape
     read = np.zeros((DEPTHS, classes, classes + _KINDS - 1))
     heights = np.zeros((levels, classes + _KINDS - 1))
     alike, pairs = np.zeros((2, len(_STEP_EDGES_M) + 1)), np.zeros((2, len(_STEP_EDGES_M) + 1))
@@ -219,14 +242,12 @@ def _count(  # noqa: C901, PLR0912 - one loop over shared arrays
                     for depth in range(DEPTHS):
                         read[depth, label[after], candidate[k]] += share[k] * counts[after, depth]
                     after = following[after] if following[after] > 0 else -1
-            for dr, dc in ((0, 1), (1, 0), (1, 1), (1, -1)):
-                if row + dr >= rows or col + dc >= cols or col + dc < 0:
+            for d in range(len(_AROUND)):
+                at = steps[c, d]
+                if at < 0:
                     continue
-                other = c + dr * cols + dc
-                if first[other] == first[other + 1]:
-                    continue
-                across = 1 if dr * dc != 0 else 0
-                at = _step_between(top[row, col], top[row + dr, col + dc])
+                other = c + _AROUND[d][0] * cols + _AROUND[d][1]
+                across = 1 if d > 1 else 0
                 pairs[across, at] += 1.0
                 for k in range(first[c], first[c + 1]):
                     for j in range(first[other], first[other + 1]):
@@ -303,7 +324,7 @@ def _weigh(  # noqa: C901, PLR0912 - one loop over shared arrays
     following: NDArray,  # int32 [entries]
     label: NDArray,  # int16 [entries]
     counts: NDArray,  # int32 [entries, depths]
-    top: NDArray,  # float32 [rows, cols]
+    steps: NDArray,  # int8 [cells, 4]
     level: NDArray,  # int32 [rows, cols]
     log_read: NDArray,  # float64 [depths, read as, class]
     log_level: NDArray,  # float64 [levels, class]
@@ -312,8 +333,9 @@ def _weigh(  # noqa: C901, PLR0912 - one loop over shared arrays
     field: float,
 ) -> NDArray:
     """Return how likely each candidate of each cell is, by its readings, its height and its neighbours; float64 [n]."""
-    rows, cols = top.shape
+    rows, cols = level.shape
     found = np.zeros_like(share)
+    odds_of = np.ones(len(share_of_class))
     for row in range(rows):
         for col in range(cols):
             c = row * cols + col
@@ -330,21 +352,25 @@ def _weigh(  # noqa: C901, PLR0912 - one loop over shared arrays
                         if counts[after, depth] > 0:
                             found[k] += _TRUST[depth] * counts[after, depth] * log_read[depth, label[after], one]
                     after = following[after] if following[after] > 0 else -1
-            # Each neighbour is of the same class for a reason, or of any.
-            for dr in range(-1, 2):
-                for dc in range(-1, 2):
-                    if (dr == 0 and dc == 0) or not (0 <= row + dr < rows and 0 <= col + dc < cols):
+            # Each neighbour is of the same class for a reason, or of any. One logarithm is taken of all.
+            odds_of[: end - begin] = 1.0
+            for d in range(2 * len(_AROUND) if field > 0.0 else 0):
+                dr, dc = _AROUND[d % len(_AROUND)]
+                other = c + dr * cols + dc if d < len(_AROUND) else c - dr * cols - dc
+                if not (0 <= other < rows * cols):
+                    continue
+                at = steps[min(c, other), d % len(_AROUND)]
+                if at < 0:
+                    continue
+                alike = odds[1 if d % len(_AROUND) > 1 else 0, at]
+                for j in range(first[other], first[other + 1]):
+                    if share[j] < _UNLIKELY:
                         continue
-                    other = c + dr * cols + dc
-                    if first[other] == first[other + 1]:
-                        continue
-                    alike = odds[1 if dr * dc != 0 else 0, _step_between(top[row, col], top[row + dr, col + dc])]
-                    for j in range(first[other], first[other + 1]):
-                        if share[j] < _UNLIKELY:
-                            continue
-                        for k in range(begin, end):
-                            if candidate[k] == candidate[j]:
-                                found[k] += field * math.log(1.0 + alike * share[j] / share_of_class[candidate[k]])
+                    for k in range(begin, end):
+                        if candidate[k] == candidate[j]:
+                            odds_of[k - begin] *= 1.0 + alike * share[j] / share_of_class[candidate[k]]
+            for k in range(begin, end):
+                found[k] += field * math.log(odds_of[k - begin])
             # Logarithms to shares.
             most, total = found[begin], 0.0
             for k in range(begin, end):

@@ -3,6 +3,8 @@
 import copy
 import gc
 import pickle
+import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from toy_maps import toy_map
 
+import simaps_viz
 from simaps_viz import InputError
 from simaps_viz.mapping.in_space import (
     VOXEL_M,
@@ -160,6 +163,29 @@ def test_instances_know_their_map():
     gc.collect()
     with pytest.raises(InputError, match=f"couch {couch.id}: expected its map to be in use"):
         _ = couch.box
+
+
+def test_threads_wait_for_the_same_map_only(monkeypatch):
+    slow, quick = toy_map(), toy_map()
+    begun, free, asked = threading.Event(), threading.Event(), []
+
+    def find(simap):
+        asked.append(simap)
+        if simap is slow:
+            begun.set()
+            assert free.wait(30.0)
+        return {1: len(asked)}
+
+    monkeypatch.setattr(simaps_viz, "objects_in_space", find)
+    with ThreadPoolExecutor(2) as pool:
+        waiting = [pool.submit(lambda: slow.in_space) for _ in range(2)]
+        try:
+            assert begun.wait(30.0)
+            assert quick.in_space == {1: 2}  # while the other map's is computed
+        finally:
+            free.set()
+        assert waiting[0].result(30.0) is waiting[1].result(30.0)
+    assert asked == [slow, quick]
 
 
 def test_columns_reach_from_the_floor_to_the_top():

@@ -173,7 +173,7 @@ def test_a_command_that_fails_after_its_first_line_says_that_nothing_was_done():
 
 def test_a_thing_that_is_meant_and_may_be_wrong_is_called_so():
     simap = toy_map()
-    unsure = [replace(one, score=0.1) if one.label == "couch" else one for one in simap.instances]
+    unsure = [replace(one, score=0.1, cells=3) if one.label == "couch" else one for one in simap.instances]
     simap = replace(simap, instances=tuple(unsure))
     with Workbench(simap, services=real_services(), port=free_port(), start=TOY_POSE) as bench, fake_page(bench):
         panel = mine(bench).panels[CommandPanel]

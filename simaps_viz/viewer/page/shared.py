@@ -17,6 +17,7 @@ from simaps_viz.drawing.legend import counts_text
 from simaps_viz.drawing.texture import TINT, ColorMode, map_image, pixels_per_cell
 from simaps_viz.drawing.theme import LIGHT, Theme
 from simaps_viz.evaluation.judging import JudgingSession
+from simaps_viz.geometry import shared_cells
 from simaps_viz.language.grounding import Candidate
 from simaps_viz.mapping.timeline import CLASSES, Timeline
 from simaps_viz.navigation.agent import Answer
@@ -178,11 +179,14 @@ class Shared:
         return self.partitions.get((cut, base, percent), lambda: keep_numbers(joined, base))
 
     def look_back(self, simap: SIMap, frame: int) -> SIMap | None:
-        """Return the map as it was after a frame; None when no history is at hand."""
+        """Return the map as it was after a frame; None as long as no history is at hand."""
         look = self._services.look_back
         if look is None:
             return None
-        return self.looks.get((simap, frame), lambda: self._in_turn(lambda: look(simap, frame)))
+        then = self.looks.get((simap, frame), lambda: self._in_turn(lambda: look(simap, frame)))
+        if then is None:
+            self.looks.forget(lambda key: key != (simap, frame))
+        return then
 
     def timeline(self, simap: SIMap) -> Timeline:
         """Return the steps in which the objects of a map were joined."""
@@ -334,9 +338,10 @@ def keep_numbers(simap: SIMap, before: SIMap) -> SIMap:
     can. One whose number is taken by that gets the number which became free.
     """
     kept = same_instances(before, simap)
+    taken = set(kept.values())
     number = {one.id: one.id for one in simap.instances} | {now: then for then, now in kept.items()}
     for one in simap.instances:
-        if one.id in kept.values():
+        if one.id in taken:
             continue
         while number[one.id] in kept:  # whose number is another's now: what that one was called is free
             number[one.id] = kept[number[one.id]]
@@ -353,9 +358,6 @@ def keep_numbers(simap: SIMap, before: SIMap) -> SIMap:
 def same_instances(before: SIMap, after: SIMap) -> dict[int, int]:
     """Return {id on one map: id on another of the same grid} of the instances that overlap by more than half (IoU)."""
     areas = [np.bincount(one.instance.reshape(-1)) for one in (before, after)]
-    both = (before.instance > 0) & (after.instance > 0)
-    keys = before.instance[both].astype(np.int64) * len(areas[1]) + after.instance[both]
-    pairs, shared = np.unique(keys, return_counts=True)
-    then, now = np.divmod(pairs, len(areas[1]))
+    then, now, shared = shared_cells(before.instance, after.instance)
     same = 2 * shared > areas[0][then] + areas[1][now] - shared
     return dict(zip(then[same].tolist(), now[same].tolist(), strict=True))

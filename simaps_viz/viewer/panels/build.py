@@ -97,9 +97,8 @@ class BuildPanel(Panel):
         self._fill.value = self._page.as_it_was = state
 
     def _look_for_history(self, simap: SIMap) -> None:
-        look = self._page.services.look_back
         if len(simap.frame_names) > 1:
-            self._note_history(look is not None and look(simap, 0) is not None)
+            self._note_history(self._page.shared.look_back(simap, 0) is not None)
 
     def _note_history(self, known: bool) -> None:
         """Describe what an earlier frame shows, before anybody goes there."""

@@ -34,7 +34,7 @@ from simaps_viz.language.commands import MAX_SUGGESTIONS
 from simaps_viz.language.grounding import Candidate
 from simaps_viz.language.llm_settings import Exchange
 from simaps_viz.language.primitives import FUNCTIONS, PRIMITIVES
-from simaps_viz.mapping.doubts import SURE_SCORE, Doubt, doubts
+from simaps_viz.mapping.doubts import SURE_SCORE, doubts
 from simaps_viz.mapping.in_space import all_instances
 from simaps_viz.navigation.agent import Answer, is_program, outcome_text
 from simaps_viz.navigation.robot import Goal
@@ -62,8 +62,8 @@ _MAX_LISTED = 4
 _SIDE = re.compile(r"\b(left|right|in front|behind|ahead)(?:most)?\b")
 _SIDE_OF_IT = re.compile(r"\b(?:left|right) (?:side )?of the\b")
 SEEN = "as seen from the robot"
-DOUBTFUL = 0.25
-"""From this weight of its doubts on it is said that an object that is meant may be wrong."""
+DOUBTFUL = 0.35
+"""From doubts of this strength on it is said that an object that is meant may be wrong, however small it is."""
 _LOOKUPS = [*FUNCTIONS.values(), *(primitive for primitive in PRIMITIVES.values() if primitive.kind == "lookup")]
 _CHOOSERS = [one.name for one in _LOOKUPS if one.result in ("instance", "instances")]
 _FROM_WHAT = re.compile(r",? (?:nearest to|farthest from) (the |)(?:nearest )?(.+)$")
@@ -673,8 +673,6 @@ class CommandPanel(Panel):
         self._why: tuple[str, ...] = ()
         self._readings: tuple[Answer, ...] = ()
         """What other meanings of the command come to."""
-        self._doubted: tuple[SIMap | None, dict[int, Doubt]] = None, {}
-        """A map, and its objects that may be wrong, as far as that is worth a word."""
         self._trajectory: Trajectory | None = None
         self._line = 0
         self._lit: frozenset[int] = frozenset()
@@ -1134,12 +1132,11 @@ class CommandPanel(Panel):
 
     def _cautions(self, simap: SIMap, answer: Answer, *why: str) -> list[str]:
         """Return whose left is meant, and what may be wrong about what is meant."""
-        if self._doubted[0] is not simap:
-            self._doubted = simap, {one.instance.id: one for one in doubts(simap) if one.weight > DOUBTFUL}
-        known = self._doubted[1]
+        meant = dict.fromkeys(goal.instance for goal in answer.goals if goal.instance)
+        known = {one.instance.id: one for one in doubts(simap, among=frozenset(meant)) if one.strength > DOUBTFUL}
         named = named_in(simap, " ".join(answer.notes))  # which say that it is doubtful
         found, doubtful = [], doubtful_on(self._page)
-        for number in dict.fromkeys(goal.instance for goal in answer.goals if goal.instance):
+        for number in meant:
             one = simap.by_id(number)
             if number in doubtful and number not in named:
                 seen = f"seen in {plural(one.frames, 'frame')} of {len(simap.frame_names)}"

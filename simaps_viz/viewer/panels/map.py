@@ -21,6 +21,7 @@ from simaps_viz.drawing.compare_picture import difference_text
 from simaps_viz.drawing.legend import counted, counts_of, counts_text, legend_html, not_counted, title_of
 from simaps_viz.drawing.texture import TINT, ColorMode, cell_colors, color_modes
 from simaps_viz.drawing.theme import BADGE_STYLE, short
+from simaps_viz.geometry import shared_cells
 from simaps_viz.mapping.in_space import all_instances, has_voxels
 from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.simap import slider_of
@@ -39,6 +40,8 @@ BEFORE_HINT = "The map as it came, before the sliders were moved, and as it is."
 STEP_HINT = "Go to what the slider changed, one after the other; the north arrow shows the whole map."
 MAX_MOVED, MAX_CHANGES = 3, 8
 """Classes and changes that are named beside a moved slider; the other changes are folded up."""
+MAX_SHOWN = 200
+"""Changes that are outlined at once, and listed; where more changed, lines all over the map would take seconds."""
 _KINDS = {"missed": "gone", "extra": "new"}
 """What a comparison calls otherwise, as one of its maps is the truth."""
 MODE_HINT = "What a colour on the map means; the legend follows."
@@ -239,7 +242,7 @@ class MapPanel(Panel):
             self._outline_looked()
             return
         self._looked = 0
-        self._outline(now, [self._ids_now(change) for change in found])
+        self._outline(now, [self._ids_now(change) for change in found] if len(found) <= MAX_SHOWN else ())
         if found:
             what = ("change" if changes else "changed outline") + "s" * (len(found) > 1)
             self._step.label = f"Show {'the' if len(found) == 1 else f'each of {len(found)}'} {what}"
@@ -468,10 +471,7 @@ def changes_between(before: SIMap, after: SIMap) -> tuple[tuple[Change, ...], tu
     """
     # The pairs of objects that share enough cells are links, and what they connect is one change.
     areas = [np.bincount(one.instance.reshape(-1)) for one in (before, after)]
-    both = (before.instance > 0) & (after.instance > 0)
-    keys = before.instance[both].astype(np.int64) * len(areas[1]) + after.instance[both]
-    pairs, shared = np.unique(keys, return_counts=True)
-    then, now = np.divmod(pairs, len(areas[1]))
+    then, now, shared = shared_cells(before.instance, after.instance)
     linked = 2 * shared > np.minimum(areas[0][then], areas[1][now])
     then, now, shared = then[linked], now[linked], shared[linked]
     first = 0, len(areas[0])  # of each map's ids among both maps'
@@ -570,7 +570,7 @@ def _line(text: str, over: str = "", fold: int = 0) -> str:
     text, rest = ("\n".join(lines[: fold + 1]), lines[fold + 1 :]) if fold else (text, [])
     place = f'<div style="position:absolute">{escape(text)}</div>{kept}' if over else escape(text)
     if rest:
-        more = escape("\n".join(rest))
+        more = escape("\n".join([*rest[:MAX_SHOWN], *(["and so on, smaller and smaller"] if rest[MAX_SHOWN:] else [])]))
         place += f'<details class="simaps-rest"><summary>and {len(rest)} more</summary>{more}</details>'
     return (
         '<div role="status" style="position:relative;padding:.2em .8em .4em;font-size:.88em;font-weight:600;'

@@ -93,14 +93,17 @@
     const objects = new Map(told.objects.map(([id, name, label, facts]) => [id, {
       id, name, label, facts, west: cols, east: -1, south: rows, north: -1, cells: 0, x: 0, y: 0 }]));
     for (let i = 0; i < ids.length; i++) {
-      const id = ids[i] = pixels[4 * i] + 256 * pixels[4 * i + 1] + 65536 * pixels[4 * i + 2];
-      if (id >= GROUND_ID) { ground[i] = id - GROUND_ID; ids[i] = 0; continue; }
-      const one = objects.get(id);
+      const id = pixels[4 * i] + 256 * pixels[4 * i + 1] + 65536 * pixels[4 * i + 2];
+      if (id >= GROUND_ID) ground[i] = id - GROUND_ID; else ids[i] = id;
+    }
+    for (let row = 0, i = 0; row < rows; row++) for (let col = 0; col < cols;) {  // cells of one object in a row at once
+      const id = ids[i], from = col;
+      do { col++; i++; } while (col < cols && ids[i] === id);
+      const one = id ? objects.get(id) : undefined;
       if (!one) continue;
-      const row = Math.floor(i / cols), col = i % cols;
-      one.west = Math.min(one.west, col); one.east = Math.max(one.east, col + 1);
+      one.west = Math.min(one.west, from); one.east = Math.max(one.east, col);
       one.south = Math.min(one.south, row); one.north = Math.max(one.north, row + 1);
-      one.cells += 1; one.x += col + 0.5; one.y += row + 0.5;
+      one.cells += col - from; one.x += (col - from) * (from + col) / 2; one.y += (col - from) * (row + 0.5);
     }
     const [xmin, ymin] = told.extent;
     const shown = [...objects.values()].filter((one) => one.cells);
