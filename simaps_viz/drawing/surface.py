@@ -15,7 +15,7 @@ from simaps_viz.drawing.texture import HEIGHT_TOP_M, ColorMode, shown_class_colo
 from simaps_viz.drawing.theme import LIGHT, Theme
 from simaps_viz.geometry import STANDS_FROM_M
 from simaps_viz.mapping.in_space import has_voxels, space_points
-from simaps_viz.structures import Points, SIMap
+from simaps_viz.structures import Instance, Points, SIMap
 
 WALL_CUT_M = 0.6
 """Walls are cut off here, as in a doll's house, or one could not look in."""
@@ -204,6 +204,8 @@ HIT_M: Final = 0.04
 """A ray meets a point that it passes this closely, a little more than half a voxel of 5 cm."""
 NEAR_M: Final = 0.12
 """Where it meets none, it takes the one it passes closest, within this."""
+BESIDE_M: Final = 0.15
+"""Points of an object farther than this from its box were strewn there by errors of masks."""
 
 
 def point_colors(
@@ -299,7 +301,8 @@ def ray_on_points(positions: NDArray, origin: ArrayLike, direction: ArrayLike) -
 def stack_at(simap: SIMap, x_m: float, y_m: float) -> dict[int, float]:
     """Return {instance: height of its highest point in the cell of a place} from top to floor; none without voxels.
 
-    The first is the one that the map shows there, whatever else was seen as high.
+    The first is the one that the map shows there, whatever else was seen as high. Points that masks have strewn beside
+    the box of their object do not put it there.
     """
     if not has_voxels(simap):
         return {}
@@ -311,8 +314,19 @@ def stack_at(simap: SIMap, x_m: float, y_m: float) -> dict[int, float]:
     found: dict[int, float] = {}
     for at in np.flatnonzero(here)[np.argsort(-positions[here, 2], kind="stable")].tolist():
         found.setdefault(int(points.instances[at]), float(positions[at, 2]))
+    found = {number: z for number, z in found.items() if _stands_at(simap.by_id(number), x, y)}
     on_top = int(simap.instance[row, col]) if simap.spec.contains(row, col) else 0
     return {on_top: found.get(on_top, float(simap.grid.height_m[row, col])), **found} if on_top else found
+
+
+def _stands_at(one: Instance, x_m: float, y_m: float) -> bool:
+    """Whether a place is in the box of an object, seen from above, or at most `BESIDE_M` from it."""
+    if one.box is None:
+        return False
+    (x, y, _), sides_m, yaw = one.box.center_m, one.box.size_m, one.box.yaw_rad
+    along = (x_m - x) * np.cos(yaw) + (y_m - y) * np.sin(yaw)
+    across = (y_m - y) * np.cos(yaw) - (x_m - x) * np.sin(yaw)
+    return bool(abs(along) <= sides_m[0] / 2 + BESIDE_M and abs(across) <= sides_m[1] / 2 + BESIDE_M)
 
 
 def instance_near(simap: SIMap, place_m: tuple[float, float, float]) -> int | None:

@@ -1,6 +1,7 @@
 """The surface as points: colours, layers, rays, stacks and the photo from above, on the toy map with voxels."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -129,6 +130,12 @@ def test_a_place_lists_what_is_there_from_top_to_floor(simap, monkeypatch):
     monkeypatch.setattr(surface, "space_points", lambda _: replace(points, instances=swapped))
     stack = stack_at(simap, x, y)  # whatever was seen as higher: the map shows the table, and a click selects it
     assert list(stack) == [table.id, PLANT] and list(stack.values()) == pytest.approx([0.425, 0.775])
+    # One point of the plant that a mask has put on the table's far end does not make it stand there.
+    ends = points.positions[points.instances == table.id]
+    far = ends[np.abs(ends[:, :2] - (x, y)).sum(axis=1).argmax()] + (0.0, 0.0, 0.1)
+    strewn = np.append(points.positions, [far.astype(np.float32)], axis=0), np.append(points.instances, [PLANT])
+    monkeypatch.setattr(surface, "space_points", lambda _: SimpleNamespace(positions=strewn[0], instances=strewn[1]))
+    assert list(stack_at(simap, *far[:2].tolist())) == [table.id]
     monkeypatch.undo()
     assert place_of(simap, 12345) is None
 

@@ -356,9 +356,8 @@ def test_what_is_doubtful_is_faint_and_not_counted_by_thresholds_that_a_person_m
         two = {chairs[1].id, chairs[2].id}
         assert "the only one; 2 more doubtful" in facts_html(session.simap, chairs[0], two)
         assert "doubtful: seen too little" in facts_html(session.simap, chairs[0], doubtful_on(session))
-        assert (
-            session.panels[CommandPanel]._of_them_doubtful([one.id for one in chairs]) == "Of 3 in all, 3 are doubtful."
-        )
+        said = session.panels[CommandPanel]._of_them_doubtful([one.id for one in chairs])
+        assert said == "Of these 3 chairs, 3 are doubtful."
         session.panels[FindBox]._box.value = "chair"
         session.panels[FindBox]._typed()
         assert "chair: 3 doubtful." in session.panels[FindBox]._status.content

@@ -523,7 +523,7 @@ def test_the_doubtful_among_the_candidates_are_counted_apart_as_on_the_map():
             panel.ask("go to the leftmost chair")
             until(lambda: "Done" in shown(bench))
             assert bench.wait_idle() and bool(faint) == said
-            assert (f"Of 3 in all, {faint} " in shown(bench)) == said
+            assert (f"Of these 3 chairs, {faint} " in shown(bench)) == said
 
 
 def test_what_is_typed_while_an_earlier_map_is_shown_says_which_map_it_is_for():

@@ -53,7 +53,12 @@ def test_a_class_alone_means_all_of_it_and_steps_go_round_both_ways():
     for step in (1, 1, -1, -1):
         box.told({"type": "find", "step": step})
     assert page.went == [one, two, three, one, three, two]
-    page.selected = 5  # by a click: steps begin anew
+    page.selected = two  # by a click
+    box.selection_changed(two)
+    assert f"chair {two}: 2 of 3." in page.status.content
+    page.selected = 5  # something else: nothing of what was found is shown any more, and steps begin anew
+    box.selection_changed(5)
+    assert "chair: 3.</span>" in page.status.content
     box.told({"type": "find", "step": -1})
     assert page.went[-1] == three
     assert "Enter: couch 5" in page.type("couch") and page.only is None and "Next" not in page.status.content

@@ -1151,9 +1151,11 @@ class CommandPanel(Panel):
         faint = doubtful_on(self._page) & set(ids)
         if not faint or len(ids) == 1:
             return ""
-        names = [one.name for one in all_instances(self._page.simap) if one.id in faint]
+        ones = [one for one in all_instances(self._page.simap) if one.id in ids]
+        names, labels = [one.name for one in ones if one.id in faint], {one.label for one in ones}
+        what = plural(len(ones), labels.pop() if len(labels) == 1 else "thing")
         named = f": {', '.join(names)}" if len(names) <= min(_MAX_LISTED, len(ids) - 1) else ""
-        return f"Of {len(ids)} in all, {len(faint)} {'are' if len(faint) > 1 else 'is'} doubtful{named}."
+        return f"Of these {what}, {len(faint)} {'are' if len(faint) > 1 else 'is'} doubtful{named}."
 
     def _moved(self, pose: Pose2, share: float, leg: int) -> None:
         self._page.pose = pose

@@ -135,12 +135,19 @@ class FindBox(Panel):
         """How well each fits free words."""
         self._lit = False
         """Whether the class of what was found is shown alone for that."""
+        self._went = False
+        """Whether one of what was found was gone to."""
         self._report("")
 
     def map_changed(self, simap: SIMap) -> None:
         """Forget what was found on another map."""
         if self._found:
             self._forget()
+
+    def selection_changed(self, instance_id: int | None) -> None:
+        """Describe which of what was found is shown, if one still is."""
+        if self._went:
+            self._tell()
 
     def told(self, event: Mapping[str, Any]) -> None:
         """Step with the arrow keys, or the line's buttons."""
@@ -188,7 +195,7 @@ class FindBox(Panel):
             if not found:
                 self._report(str(error) if simap.described else f"{said} {why.partition('. ')[2]}" if said else why)
                 return
-            self._words, self._found, self._scores = text, found, ()
+            self._words, self._found, self._scores, self._went = text, found, (), False
         else:
             self._list(text, tuple(one.instance for one in ranked), tuple(one.score for one in ranked))
         self._go_to(0)
@@ -205,18 +212,20 @@ class FindBox(Panel):
         return tuple(map(simap.by_id, answer.answer["instances"])), answer.answer["text"]
 
     def _list(self, text: str, found: tuple[Instance, ...], scores: tuple[float, ...] = ()) -> None:
-        self._words, self._found, self._scores = text, found, scores
+        self._words, self._found, self._scores, self._went = text, found, scores, False
         first, *others = found
-        count = count_text(found, doubtful_on(self._page))
-        many = f"{first.label}: {count}."
         if others and not scores:  # all of them are lit, as the legend does it
             if self._page.selected not in {one.id for one in found}:
                 self._page.select(None)
             self._lit = show_only(self._page, first.label)
-        self._report(many if others else f"Enter: {first.name}")
+        self._report(self._count() if others else f"Enter: {first.name}")
+
+    def _count(self) -> str:
+        labels = {one.label for one in self._found}
+        return f"{labels.pop() if len(labels) == 1 else 'objects'}: {count_text(self._found, doubtful_on(self._page))}."
 
     def _forget(self) -> None:
-        self._words, self._found, self._scores = "", (), ()
+        self._words, self._found, self._scores, self._went = "", (), (), False
         if self._lit:
             self._lit = False
             show_only(self._page, None)
@@ -231,17 +240,25 @@ class FindBox(Panel):
             self._go_to((here + by) % len(ids))
 
     def _go_to(self, at: int) -> None:
+        self._went = True
+        self._page.go_to(self._found[at])
+        self._tell()
+
+    def _tell(self) -> None:
+        """Describe which of what was found is selected, or how many there are."""
         found, scores = self._found, self._scores
-        self._page.go_to(found[at])
-        said = f"{found[at].name}: {at + 1} of {len(found)}." if len(found) > 1 else ""
+        at = next((place for place, one in enumerate(found) if one.id == self._page.selected), None)
         if scores:
             names = [
-                f"{n}. {one.name} (fits {percent_text(score)})"
+                f"{n}. {one.name} (fits {percent_text(score)}){', shown' * (n - 1 == at)}"
                 for n, (one, score) in enumerate(zip(found, scores, strict=True), 1)
             ]
-            names[at] += ", shown"
             said = "; ".join(names) + "."
-        self._report(said, WHOLE_MAP)
+        elif len(found) > 1:
+            said = self._count() if at is None else f"{found[at].name}: {at + 1} of {len(found)}."
+        else:
+            said = ""
+        self._report(said, "" if at is None else WHOLE_MAP)
 
     def _report(self, text: str, then: str = "") -> None:
         said = f'<span role="status">{escape(f"{text} {then}".strip())}</span>'
