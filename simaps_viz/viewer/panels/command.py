@@ -1133,7 +1133,8 @@ class CommandPanel(Panel):
     def _cautions(self, simap: SIMap, answer: Answer, *why: str) -> list[str]:
         """Return whose left is meant, and what may be wrong about what is meant."""
         meant = dict.fromkeys(goal.instance for goal in answer.goals if goal.instance)
-        known = {one.instance.id: one for one in doubts(simap, among=frozenset(meant)) if one.strength > DOUBTFUL}
+        about = doubts(simap, among=frozenset(meant)) if meant else ()
+        known = {one.instance.id: one for one in about if one.strength > DOUBTFUL}
         named = named_in(simap, " ".join(answer.notes))  # which say that it is doubtful
         found, doubtful = [], doubtful_on(self._page)
         for number in meant:
