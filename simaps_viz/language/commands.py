@@ -12,7 +12,7 @@ from typing import Final
 from simaps_viz.colors.classes import plain
 from simaps_viz.errors import CommandError
 from simaps_viz.language.gist import EXCLAIMED, Clause, clauses_of, is_step
-from simaps_viz.language.grammar import Chart
+from simaps_viz.language.grammar import Chart, InvolvedError
 from simaps_viz.language.nouns import ALL, IT, LAST, ONE, SAME, SUCH, THAT, Phrase, quoted, select
 from simaps_viz.language.orders import EVERYTHING, GRAMMAR, Choose, Do, Repeat, Steps
 from simaps_viz.language.primitives import FUNCTIONS, SELF
@@ -106,6 +106,8 @@ def read_command(text: str, labels: Sequence[str] | Mapping[str, int]) -> Readin
     for read in _ways_to_read(text, vocabulary):
         try:
             found.append(read())
+        except InvolvedError:  # so it is, however it is read
+            raise
         except CommandError as error:
             refusal = refusal or error
         else:

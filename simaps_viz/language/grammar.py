@@ -18,7 +18,13 @@ from simaps_viz.errors import CommandError
 
 _KEPT: Final = 4
 """Readings kept of those that end at the same token."""
+MAX_READINGS: Final = 5_000
+"""Readings of parts of a sentence; so many take a second or two, and of 1,900 that people said none has a quarter."""
 _PIECE: Final = re.compile(r"[()|?*+&!]|[\w:]+")
+
+
+class InvolvedError(CommandError):
+    """A sentence has too many readings to look through."""
 
 
 def no_reading() -> Any:
@@ -214,10 +220,16 @@ class Chart:
     """The error that the function of a rule raised for the longest reading, and where that ended.
 
     One without words only says that there is no such reading."""
+    readings: int = 0
+    """How many readings of parts were made."""
     _memo: dict[tuple[str, int], list[Found]] = field(default_factory=dict)
 
     def parse(self, name: str, at: int = 0) -> list[Found]:
-        """Return the readings of a rule that begin at a place, the likeliest of each end first."""
+        """Return the readings of a rule that begin at a place, the likeliest of each end first.
+
+        Raises:
+            InvolvedError: there are more than `MAX_READINGS` of parts of the sentence.
+        """
         if (name, at) not in self._memo:
             self._memo[name, at] = []
             self._memo[name, at] = _kept(self._readings(name, at))
@@ -238,6 +250,11 @@ class Chart:
                     if str(error) and (self.refusal is None or end > self.refusal[0]):
                         self.refusal = (end, error)
                     continue
+                self.readings += 1
+                if self.readings > MAX_READINGS:
+                    raise InvolvedError(
+                        "too many things are tied to one another in one phrase; say it in several steps"
+                    )
                 yield Found(end, value, cost + rule.cost + getattr(value, "penalty", 0.0))
 
     def _match(self, part: Any, at: int, captures: Captures, cost: float) -> Iterator[tuple[int, Captures, float]]:
