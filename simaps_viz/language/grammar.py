@@ -23,6 +23,9 @@ MAX_READINGS: Final = 5_000
 _PIECE: Final = re.compile(r"[()|?*+&!]|[\w:]+")
 
 
+TOO_MANY: Final = "too many things are tied to one another in one phrase; say it in several steps"
+
+
 class InvolvedError(CommandError):
     """A sentence has too many readings to look through."""
 
@@ -252,9 +255,7 @@ class Chart:
                     continue
                 self.readings += 1
                 if self.readings > MAX_READINGS:
-                    raise InvolvedError(
-                        "too many things are tied to one another in one phrase; say it in several steps"
-                    )
+                    raise InvolvedError(TOO_MANY)
                 yield Found(end, value, cost + rule.cost + getattr(value, "penalty", 0.0))
 
     def _match(self, part: Any, at: int, captures: Captures, cost: float) -> Iterator[tuple[int, Captures, float]]:

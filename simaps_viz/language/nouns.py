@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from simaps_viz.colors.classes import plain
 from simaps_viz.errors import CommandError
-from simaps_viz.language.grammar import Grammar, no_reading, no_reading_if
+from simaps_viz.language.grammar import TOO_MANY, Grammar, no_reading, no_reading_if
 from simaps_viz.language.words import ANY, AROUND_QUESTIONS, NO_NAMES, Noun, plural, singular
 
 GRAMMAR: Final = Grammar()
@@ -345,7 +345,7 @@ def _check(text: str, word: str, inner: Sequence[Phrase], many: bool) -> None:
     if vague:  # what it says of them is all that tells them apart
         raise CommandError(f'"{vague[1]}"')
     if _depth(text) > _MAX_DEPTH:
-        raise CommandError("too many things are tied to one another in one phrase; say it in several steps")
+        raise CommandError(TOO_MANY)
     if not many and any(phrase.many and phrase.base == "rooms()" for phrase in inner):
         raise CommandError(f"which {word} of each room is meant was not said; name the rooms one by one")
 
