@@ -1,12 +1,12 @@
 """The data structures that a user holds: frames, grids, maps, poses. All are frozen; arrays are not copied."""
 
+import functools
 import math
 import threading
 import weakref
 from collections import Counter, defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from numbers import Real
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -435,32 +435,31 @@ class Room:
     doors: tuple[Door, ...]
 
 
-class _FoundOnce(cached_property):
-    """A property that is computed when first asked for; other threads that ask for that of the same map wait.
-
-    Those of `functools.cached_property` wait for all other maps, too, before Python 3.12, and for none from then on.
-    """
-
-    _locks: ClassVar[weakref.WeakKeyDictionary[Any, threading.RLock]] = weakref.WeakKeyDictionary()
-    _of_locks = threading.Lock()
-
-    def __get__(self, instance: Any, owner: type | None = None) -> Any:
-        if instance is None:
-            return self
-        known, name = vars(instance), str(self.attrname)
-        if name not in known:
-            with self._of_locks:
-                lock = self._locks.setdefault(instance, threading.RLock())
-            with lock:
-                if name not in known:
-                    known[name] = self.func(instance)
-        return known[name]
-
-
 if TYPE_CHECKING:
-    found_once = cached_property
+    from functools import cached_property
 else:
-    found_once = _FoundOnce
+
+    class cached_property(functools.cached_property):  # noqa: N801 - in the place of Python's
+        """A property that is computed once; other threads that ask for one of the same object wait.
+
+        In `functools`, those that ask for another object's wait, too, before Python 3.12, and none from then on.
+        """
+
+        _locks: ClassVar = weakref.WeakKeyDictionary()
+        _of_locks = threading.Lock()
+
+        def __get__(self, instance: Any, owner: type | None = None) -> Any:
+            """Return the value, from the object's dictionary as soon as it is there."""
+            if instance is None:
+                return self
+            known = vars(instance)
+            if self.attrname not in known:
+                with self._of_locks:
+                    lock = self._locks.setdefault(instance, threading.RLock())
+                with lock:
+                    if self.attrname not in known:
+                        known[self.attrname] = self.func(instance)
+            return known[self.attrname]
 
 
 @dataclass(frozen=True, eq=False)
@@ -609,20 +608,20 @@ class SIMap:
         """
         return self._points
 
-    @found_once
+    @cached_property
     def _points(self) -> Points:
         import simaps_viz  # noqa: PLC0415 - see below
 
         return simaps_viz.surface_points(self)
 
-    @found_once
+    @cached_property
     def in_space(self) -> Mapping[int, InSpace]:
         """{id: where the object is in space}, found when first asked for; from columns on a map without voxels."""
         import simaps_viz  # noqa: PLC0415 - see below
 
         return simaps_viz.objects_in_space(self)
 
-    @found_once
+    @cached_property
     def _plan(self) -> "FloorPlan":
         import simaps_viz  # noqa: PLC0415 - see below
 

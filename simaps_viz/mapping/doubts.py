@@ -129,7 +129,7 @@ def _note_margins(
                 wanted = [(a, b) for a in ours for b in theirs if among is None or not among.isdisjoint((a, b))]
                 near = dict.fromkeys(wanted, doubt)
                 if len(ours) + len(theirs) > 2:  # the score is of all of them together: ask which two are as near
-                    asked += len(wanted)
+                    asked += len(ours) * len(theirs)
                     near = _near_pairs(simap, wanted, threshold) if asked <= MOST_ASKED else {}
             for (first, second), weight in near.items():
                 _note_near(found, names[first], names[second], weight)

@@ -52,7 +52,7 @@ R = TypeVar("R")
 
 
 def _remembered(compute: Callable[Concatenate[NDArray, P], R]) -> Callable[Concatenate[NDArray, P], R]:
-    """Return a function of an object's voxels, int64 [n], that does not compute the latest results again."""
+    """Return a function of an object's voxels, int64 [n], that computes the latest results once."""
 
     @lru_cache(_REMEMBERED)
     def found(voxels: bytes, *args: Any, **kwargs: Any) -> R:

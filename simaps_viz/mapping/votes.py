@@ -354,21 +354,20 @@ def _weigh(  # noqa: C901, PLR0912 - one loop over shared arrays
                     after = following[after] if following[after] > 0 else -1
             # Each neighbour is of the same class for a reason, or of any. One logarithm is taken of all.
             odds_of[: end - begin] = 1.0
-            for d in range(2 * len(_AROUND) if field > 0.0 else 0):
-                dr, dc = _AROUND[d % len(_AROUND)]
-                other = c + dr * cols + dc if d < len(_AROUND) else c - dr * cols - dc
-                if not (0 <= other < rows * cols):
-                    continue
-                at = steps[min(c, other), d % len(_AROUND)]
-                if at < 0:
-                    continue
-                alike = odds[1 if d % len(_AROUND) > 1 else 0, at]
-                for j in range(first[other], first[other + 1]):
-                    if share[j] < _UNLIKELY:
+            for d in range(len(_AROUND) if field > 0.0 else 0):
+                ahead = _AROUND[d][0] * cols + _AROUND[d][1]
+                for start in (c, c - ahead):  # the step to the neighbour ahead, and that of the one behind to here
+                    at = steps[start, d] if start >= 0 else -1
+                    if at < 0:
                         continue
-                    for k in range(begin, end):
-                        if candidate[k] == candidate[j]:
-                            odds_of[k - begin] *= 1.0 + alike * share[j] / share_of_class[candidate[k]]
+                    other = start + ahead if start == c else start
+                    alike = odds[1 if d > 1 else 0, at]
+                    for j in range(first[other], first[other + 1]):
+                        if share[j] < _UNLIKELY:
+                            continue
+                        for k in range(begin, end):
+                            if candidate[k] == candidate[j]:
+                                odds_of[k - begin] *= 1.0 + alike * share[j] / share_of_class[candidate[k]]
             for k in range(begin, end):
                 found[k] += field * math.log(odds_of[k - begin])
             # Logarithms to shares.

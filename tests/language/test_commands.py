@@ -7,6 +7,7 @@ import pytest
 from toy_maps import TOY_POSE, toy_map
 
 from simaps_viz.errors import CommandError
+from simaps_viz.language import grammar
 from simaps_viz.language.commands import read_command
 from simaps_viz.navigation.agent import answer
 
@@ -1179,6 +1180,14 @@ def test_deep_attachments_are_read_and_endless_ones_refused() -> None:
         read_command("go to " + "the chair " * 45, LABELS)
     with pytest.raises(CommandError, match="again and again"):
         read_command("go to the " + "3rd " * 40 + "chair", LABELS)
+
+
+def test_a_sentence_with_more_readings_than_may_be_looked_through_is_refused(monkeypatch) -> None:
+    said = "go to the chair near the couch near the table"
+    assert "near(" in read_command(said, LABELS).program
+    monkeypatch.setattr(grammar, "MAX_READINGS", 50)
+    with pytest.raises(CommandError, match="too many things are tied to one another"):
+        read_command(said, LABELS)
 
 
 @pytest.mark.parametrize("number", ["1000001", "1" + "0" * 20, "9" * 400])

@@ -76,6 +76,8 @@ def test_two_that_were_nearly_joined_are_as_near_as_their_own_evidence_says(affi
     said = [(one.instance.id, NEAR.findall(" ".join(one.reasons))) for one in doubts(cut)]
     pairs = [(number, names[other]) for number, others in said for other in others]
     assert len(pairs) > 3
+    for number, _ in said:  # one alone is as doubtful as among all
+        assert doubts(cut, among=frozenset([number])) == tuple(d for d in doubts(cut) if d.instance.id == number)
     for pair in pairs:
         link = between(cut, *pair).link
         assert link is not None and abs(link.score - affinity) < SLIM

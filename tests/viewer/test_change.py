@@ -226,6 +226,22 @@ def test_the_parts_of_a_change_have_a_colour_each_and_their_names_and_all_change
         assert all(session.client.scene.get_handle_by_name(name) is None for name in CHANGED)
 
 
+def test_of_very_many_changes_none_is_outlined_and_the_rest_is_counted(monkeypatch):
+    monkeypatch.setattr(map_panel, "MAX_CHANGES", 1)
+    with opened() as (_, page):
+        session, panel = page.session, page.session.panels[MapPanel]
+        changes, _ = changes_between(session.simap, repartition(session.simap, k_percent=30.0))
+        assert len(changes) == 2
+        for most, outlined in ((2, True), (0, False)):
+            monkeypatch.setattr(map_panel, "MAX_SHOWN", most)
+            panel.reset()
+            assert session.wait_idle()
+            session.cut_map(30.0, 1.0)
+            assert session.wait_idle()
+            assert any(session.client.scene.get_handle_by_name(name) is not None for name in CHANGED) == outlined
+            assert ("and 1 smaller" in panel._change.content) == (not outlined)
+
+
 def test_reset_while_the_map_before_is_looked_at_lets_go_of_what_was_after():
     with opened() as (_, page):
         session, panel = page.session, page.session.panels[MapPanel]

@@ -570,7 +570,8 @@ def _line(text: str, over: str = "", fold: int = 0) -> str:
     text, rest = ("\n".join(lines[: fold + 1]), lines[fold + 1 :]) if fold else (text, [])
     place = f'<div style="position:absolute">{escape(text)}</div>{kept}' if over else escape(text)
     if rest:
-        more = escape("\n".join([*rest[:MAX_SHOWN], *(["and so on, smaller and smaller"] if rest[MAX_SHOWN:] else [])]))
+        left_out = [f"and {len(rest) - MAX_SHOWN} smaller"] if len(rest) > MAX_SHOWN else []
+        more = escape("\n".join([*rest[:MAX_SHOWN], *left_out]))
         place += f'<details class="simaps-rest"><summary>and {len(rest)} more</summary>{more}</details>'
     return (
         '<div role="status" style="position:relative;padding:.2em .8em .4em;font-size:.88em;font-weight:600;'
