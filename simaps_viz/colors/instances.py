@@ -7,6 +7,7 @@ way takes over the colours of the one before it by overlap (``take_over``).
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -135,9 +136,8 @@ def _choose_class_colors(simap: SIMap) -> NDArray:
     used = np.zeros(len(PALETTE))
     things = np.array(simap.grid.is_thing, dtype=bool)[simap.grid.label]
     present = np.flatnonzero(np.bincount(simap.grid.label[things], minlength=len(labels)))
-    found = [_pairs_apart(np.where(things, simap.grid.label, 0), *step, len(labels)) for step in _DIRECTIONS]
-    keys = np.unique(np.concatenate(found))
-    touching = np.stack(np.divmod(keys, len(labels)), axis=1)
+    pairs, weight = near_pairs(np.where(things, simap.grid.label, 0))
+    touching = pairs[weight == TOUCHES]
     chosen = np.full(len(labels), -1)
     colors = np.array([class_color(name) for name in labels], np.uint8).reshape(-1, 3)
     order = sorted(present.tolist(), key=lambda i: (labels[i] not in COMMON, labels[i]))
@@ -208,20 +208,42 @@ def near_pairs(ids: NDArray) -> tuple[NDArray, NDArray]:
         int64 [n, 2], pairs, lower id first, ascending; and int64 [n], the weight of the smallest step between them.
     """
     size = int(ids.max(initial=0)) + 1
-    found = [_pairs_apart(ids, *step, size) for step in STEPS]
-    keys, first = np.unique(np.concatenate(found), return_index=True)
+    found = [_pairs_apart(ids, step) for step in STEPS]
+    low, high = np.sort(np.concatenate(found), axis=1).T
+    keys, first = np.unique(low * size + high, return_index=True)
     weight = np.repeat(list(STEPS.values()), [len(one) for one in found])
     return np.stack(np.divmod(keys, size), axis=1), weight[first]
 
 
-def _pairs_apart(ids: NDArray, down: int, right: int, size: int) -> NDArray:
-    """Return the keys (lower id * size + higher id) of ids with cells exactly that step apart, ascending."""
-    west, east = (ids[:, :-right], ids[:, right:]) if right > 0 else (ids[:, -right:], ids[:, : right or None])
-    a, b = west[: max(len(ids) - down, 0)], east[down:]
-    edge = np.nonzero(a != b)  # few, so what follows costs little
-    one, other = a[edge], b[edge]
-    low, high = np.minimum(one, other).astype(np.int64), np.maximum(one, other)
-    return np.unique((low * size + high)[low > 0])
+def _pairs_apart(ids: NDArray, step: tuple[int, int]) -> NDArray:
+    """Return the ids that have cells exactly that step apart, int64 [n, 2]; most pairs several times."""
+    found = np.empty((1 + 4 * int(ids.max(initial=0)), 2), np.int64)
+    count = _find_pairs(ids, *step, found)
+    if count > len(found):
+        found = np.empty((count, 2), np.int64)
+        _find_pairs(ids, *step, found)
+    return found[:count]
+
+
+@numba.njit(cache=True)
+def _find_pairs(ids: NDArray, down: int, right: int, found: NDArray) -> int:
+    """Write pairs of ids with cells exactly that step apart; return how many there are, also if there is less room."""
+    rows, cols = ids.shape
+    first, count = max(0, -right), 0
+    for row in range(rows - down):
+        for col in range(first, min(cols, cols - right)):
+            one, other = ids[row, col], ids[row + down, col + right]
+            if not one or not other or one == other:
+                continue
+            # The cell to the west, or to the south, has told of the same pair.
+            if col > first and ids[row, col - 1] == one and ids[row + down, col + right - 1] == other:
+                continue
+            if row > 0 and ids[row - 1, col] == one and ids[row + down - 1, col + right] == other:
+                continue
+            if count < len(found):
+                found[count, 0], found[count, 1] = one, other
+            count += 1
+    return count
 
 
 Neighbours = list[dict[int, int]]

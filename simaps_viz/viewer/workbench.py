@@ -106,6 +106,7 @@ class Workbench:
         """Address of the page, the same with the token where one is asked for, and the one port of everything."""
         self.owner_entrance = self.door.owner_entrance
         """Address that makes an owner of who opens it."""
+        gc.freeze()  # what is loaded by now stays: looking through it for garbage would stop all pages for .1 s
 
     @property
     def sessions(self) -> Sequence[Session]:
@@ -162,6 +163,7 @@ class Workbench:
         with contextlib.redirect_stdout(io.StringIO()):
             self.server.stop()
         self.door.close()
+        gc.unfreeze()
 
     def __enter__(self) -> "Workbench":
         return self

@@ -27,7 +27,7 @@ from simaps_viz.structures import Pose2
 from simaps_viz.viewer.panels.command import CommandPanel
 from simaps_viz.viewer.panels.map import MapPanel
 from simaps_viz.viewer.scene.annotations import Label, label_of
-from simaps_viz.viewer.scene.camera import SLANT
+from simaps_viz.viewer.scene.camera import SLANT, TOP
 from simaps_viz.viewer.workbench import Workbench
 
 HOSTILE = "<img src=x onerror=alert(1)>"
@@ -141,6 +141,31 @@ def test_an_arrow_as_large_at_every_zoom_shows_where_the_robot_looks(bench, page
 
         until(page, seen)
     assert page.evaluate("() => Object.keys(window.__viserMutable.nodeRefFromName).includes('/robot/nose')") is False
+
+
+CHANGES = """() => new Promise((done) => {
+  const changes = [];
+  const observer = new MutationObserver((seen) => changes.push(...seen.map((one) =>
+    `${one.type} ${one.attributeName} of ${one.target.nodeName} ${one.target.className}`)));
+  observer.observe(document, { subtree: true, childList: true, attributes: true, characterData: true });
+  let left = 30;
+  const draw = () => { if (--left) requestAnimationFrame(draw); else { observer.disconnect(); done(changes); } };
+  draw();
+})"""
+
+
+@pytest.mark.parametrize("view", [TOP, SLANT])
+def test_a_page_at_rest_changes_nothing_of_itself(bench, page, view):
+    """What is set anew at every picture is laid out and drawn at every picture, also to the value that it had."""
+    session = mine(bench)
+    session.select(session.simap.of_class("chair")[0].id)
+    session.look(view)
+    assert session.wait_idle()
+    page.mouse.move(5, 5)
+    at_rest(page)
+    found = []
+    until(page, lambda: found.append(page.evaluate(CHANGES)) or not found[-1] or len(found) > 20)
+    assert found[-1] == []
 
 
 def test_names_come_with_the_zoom_large_objects_first_and_never_cover_one_another(bench, page):

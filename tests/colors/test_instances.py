@@ -15,7 +15,7 @@ from toy_maps import map_from_drawing, toy_map
 from simaps_viz import open_sequence
 from simaps_viz.build.methods import build
 from simaps_viz.colors.classes import COCO_THINGS, COMMON, STUFF, class_color, instance_color
-from simaps_viz.colors.instances import TOUCHES, class_colors, instance_colors, near_pairs, take_over
+from simaps_viz.colors.instances import STEPS, TOUCHES, class_colors, instance_colors, near_pairs, take_over
 from simaps_viz.colors.palette import ALIKE, ALIKE_BELOW, MIN_APART, PALETTE
 from simaps_viz.drawing.theme import DARK, LIGHT
 from simaps_viz.mapping.edits import apply as mend
@@ -39,6 +39,24 @@ def adjacent(simap):
     """Pairs of instances whose cells touch, [n, 2]."""
     pairs, weight = near_pairs(simap.instance)
     return pairs[weight == TOUCHES]
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(0, 30), st.integers(0, 30), st.integers(0, 40))
+@settings(max_examples=60, deadline=None)
+def test_ids_are_near_as_each_pair_of_cells_says(seed, rows, cols, most):
+    """Also where a step is longer than the map, where nearly every cell has an id of its own, and where none has."""
+    rng = np.random.default_rng(seed)
+    ids = np.kron(rng.integers(0, most + 1, (rows, cols)), np.ones((1 + seed % 3, 1 + seed % 4))).astype(np.int32)
+    expected = {}
+    for (down, right), weight in STEPS.items():
+        for row, col in np.argwhere(ids):
+            r, c = row + down, col + right
+            if 0 <= r < ids.shape[0] and 0 <= c < ids.shape[1] and ids[r, c] not in (0, ids[row, col]):
+                pair = tuple(sorted((int(ids[row, col]), int(ids[r, c]))))
+                expected[pair] = max(weight, expected.get(pair, 0))
+    pairs, weight = near_pairs(ids)
+    assert [tuple(pair) for pair in pairs.tolist()] == sorted(expected)
+    assert dict(zip(map(tuple, pairs.tolist()), weight.tolist(), strict=True)) == expected
 
 
 def check_neighbours(simap):

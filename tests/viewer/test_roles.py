@@ -161,12 +161,12 @@ def test_what_an_owner_does_is_done_and_can_be_undone(tmp_path):
             assert wait(lambda: named(session, "Move to the trash")) and own.is_file()
             press(mine, session, "Move to the trash")
             press(mine, session, "Move to the trash")  # once is enough, and twice does no more
-            assert wait(trashed.is_file) and not own.exists()
+            assert wait(lambda: trashed.is_file() and not own.exists())
             settle(mine, session)
             press(mine, session, "Restore …")
             label = f"{OWN} · {trashed.stat().st_size / 1e6:.1f} MB"
             assert wait(lambda: named(session, label)) and press(mine, session, label)
-            assert wait(own.is_file) and own.read_bytes() == before and not trashed.exists()
+            assert wait(lambda: own.is_file() and not trashed.exists()) and own.read_bytes() == before
 
             press(mine, session, "Stop …")
             assert wait(lambda: named(session, "Stop now")) and not (tmp_path / "stopped").exists()

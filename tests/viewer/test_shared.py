@@ -79,6 +79,31 @@ def test_a_worker_has_no_thread_when_idle_and_takes_nothing_after_its_stop():
     assert worker.wait_idle() and done == [0, 1, 2]
 
 
+def test_a_worker_leaves_what_can_wait_until_nothing_else_has_come_for_a_while(monkeypatch):
+    monkeypatch.setattr("simaps_viz.viewer.page.page.LATER_S", 60.0)  # so no machine is too slow
+    done, going, painted, again = [], threading.Event(), threading.Event(), threading.Event()
+    worker = Worker(done.append)
+    worker.submit("cut", going.wait)
+    for n in range(2):
+        worker.submit("words", lambda n=n: done.append(f"words {n}"), later=True)
+    worker.submit("paint", lambda: (done.append("paint"), painted.set()))
+    going.set()
+    assert painted.wait(60.0) and not worker.wait_idle(0.05)
+    worker.submit("paint", lambda: (done.append("paint again"), again.set()))  # while it waits
+    assert again.wait(60.0) and not worker.wait_idle(0.05)
+    worker.stop()
+    assert worker.wait_idle() and done == ["paint", "paint again"]
+
+
+def test_what_can_wait_is_done_all_at_once(monkeypatch):
+    monkeypatch.setattr("simaps_viz.viewer.page.page.LATER_S", 0.01)
+    done = []
+    worker = Worker(done.append)
+    for name in ("words", "names"):
+        worker.submit(name, lambda name=name: done.append(name), later=True)
+    assert worker.wait_idle() and done == ["words", "names"]
+
+
 def test_the_picture_of_a_very_large_map_is_one_that_every_browser_takes():
     simap = large_map(100, 10_000, 40, edges=False)
     picture = paint(simap, "instance", None, None)

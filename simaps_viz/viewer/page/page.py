@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     from simaps_viz.viewer.workbench import Workbench
 
 Job = Callable[[], object]
+LATER_S = 0.15
+"""About as long as a page takes to draw a map that was cut anew."""
 
 
 class Worker:
@@ -49,16 +51,24 @@ class Worker:
         """Take the function that is called with an error of a job."""
         self._on_error = on_error
         self._jobs: OrderedDict[str, Job] = OrderedDict()
+        self._later: OrderedDict[str, Job] = OrderedDict()
         self._changed = threading.Condition()
         self._thread: threading.Thread | None = None
         self._stopped = False
 
-    def submit(self, name: str, job: Job) -> None:
-        """Queue a job in place of a waiting one of the same name. After ``stop`` nothing is queued."""
+    def submit(self, name: str, job: Job, *, later: bool = False) -> None:
+        """Queue a job in place of a waiting one of the same name. After ``stop`` nothing is queued.
+
+        Args:
+            name: of the job.
+            job: what is run.
+            later: run it only once no other job has come for `LATER_S`, so that what was done before is seen first.
+        """
         with self._changed:
             if self._stopped:
                 return
-            self._jobs[name] = job
+            (self._later if later else self._jobs)[name] = job
+            self._changed.notify_all()
             if self._thread is None:
                 self._thread = threading.Thread(target=self._run, name="workbench-worker", daemon=True)
                 self._thread.start()
@@ -73,18 +83,25 @@ class Worker:
         with self._changed:
             self._stopped = True
             self._jobs.clear()
+            self._later.clear()
+            self._changed.notify_all()
             running = self._thread
         if running is not None and running is not threading.current_thread():
             running.join(timeout=timeout_s)
 
     def _run(self) -> None:
+        waited = False
         while True:
             with self._changed:
-                if not self._jobs:
+                if self._later and not waited:
+                    self._changed.wait_for(lambda: self._jobs or self._stopped, LATER_S)
+                waited = not self._jobs
+                jobs = self._jobs or self._later
+                if not jobs:
                     self._thread = None
                     self._changed.notify_all()
                     return
-                _, job = self._jobs.popitem(last=False)
+                _, job = jobs.popitem(last=False)
             try:
                 job()
             except Exception as error:  # no job may end the page
@@ -427,9 +444,15 @@ class Page:
 
     # --- jobs and notifications
 
-    def submit(self, name: str, job: Callable[[], None]) -> None:
-        """Queue a job of a panel on the panels' thread, so that the page stays responsive; errors are reported."""
-        self.panel_worker.submit(name, job)
+    def submit(self, name: str, job: Callable[[], None], *, later: bool = False) -> None:
+        """Queue a job of a panel on the panels' thread, so that the page stays responsive; errors are reported.
+
+        Args:
+            name: of the job, as for `Worker.submit`.
+            job: what is run.
+            later: run it once no other has come for `LATER_S`.
+        """
+        self.panel_worker.submit(name, job, later=later)
 
     def send(self, name: str, content: bytes) -> None:
         """Send a file to the browser, which saves it under that name."""

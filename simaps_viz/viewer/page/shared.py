@@ -349,15 +349,23 @@ def keep_numbers(simap: SIMap, before: SIMap) -> SIMap:
         return simap
     of_id = np.arange(int(simap.instance.max(initial=0)) + 1, dtype=simap.instance.dtype)
     of_id[list(number)] = list(number.values())
-    ones = (replace(one, id=number[one.id]) for one in simap.instances)
+    ones = (one if number[one.id] == one.id else replace(one, id=number[one.id]) for one in simap.instances)
     return replace(
         simap, instance=of_id[simap.instance], instances=tuple(sorted(ones, key=lambda one: (one.label, one.id)))
     )
 
 
+def cells_by_id(simap: SIMap) -> NDArray:
+    """Return how many cells show each instance, int64 [n], indexed by id."""
+    cells = np.zeros(1 + max((one.id for one in simap.instances), default=0), np.int64)
+    for one in simap.instances:
+        cells[one.id] = one.cells
+    return cells
+
+
 def same_instances(before: SIMap, after: SIMap) -> dict[int, int]:
     """Return {id on one map: id on another of the same grid} of the instances that overlap by more than half (IoU)."""
-    areas = [np.bincount(one.instance.reshape(-1)) for one in (before, after)]
+    areas = [cells_by_id(one) for one in (before, after)]
     then, now, shared = shared_cells(before.instance, after.instance)
     same = 2 * shared > areas[0][then] + areas[1][now] - shared
     return dict(zip(then[same].tolist(), now[same].tolist(), strict=True))

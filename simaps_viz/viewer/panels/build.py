@@ -159,7 +159,7 @@ class StepsPanel(Panel):
         self._slider.disabled = self._player.button.disabled = True
         self._back.visible = False
         self._say("Looking for the steps …")
-        self._page.submit("steps", lambda: self._find(simap))
+        self._page.submit("steps", lambda: self._find(simap), later=True)
 
     def choose(self, position: int) -> None:
         """Show a step."""

@@ -89,16 +89,23 @@ class HelpPanel(Panel):
             command = gui.add_command(text[0].upper() + text[1:], hotkey=code)  # pyright: ignore[reportArgumentType]
             command.on_trigger(lambda _, do=do: do())
         self._found: dict[str, dict[tuple[str, str], CommandHandle]] = {}
-
-    def map_changed(self, simap: SIMap) -> None:
-        """Have Ctrl-K find the map's objects, the doubtful called so."""
-        names = object_names(simap, MAX_OBJECTS, not_counted(simap, doubtful_on(self._page)))
-        self._offer("object", {(name, "Object"): functools.partial(self._go_to, one) for name, one in names.items()})
+        self._objects: tuple[SIMap, frozenset[int]] | None = None
+        """The map whose objects Ctrl-K finds, and the doubtful ones."""
 
     def painted(self, simap: SIMap, snapshot: Snapshot) -> None:
-        """Have Ctrl-K find them anew, as the limits of what is doubtful may be others."""
-        if not snapshot.badge:
-            self.map_changed(simap)
+        """Have Ctrl-K find the map's objects, the doubtful called so, once the map is seen."""
+        now = simap, doubtful_on(self._page)
+        if not snapshot.badge and now != self._objects:
+            self._objects = now
+            self._page.worker.submit("commands", self._offer_objects, later=True)
+
+    def _offer_objects(self) -> None:
+        if self._objects is not None:
+            simap, doubtful = self._objects
+            names = object_names(simap, MAX_OBJECTS, not_counted(simap, doubtful))
+            self._offer(
+                "object", {(name, "Object"): functools.partial(self._go_to, one) for name, one in names.items()}
+            )
 
     def panels_changed(self) -> None:
         """Have Ctrl-K find the settings of all tabs."""

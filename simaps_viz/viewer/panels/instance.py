@@ -324,11 +324,20 @@ class InstancePanel(Panel):
         icon = viser.Icon.PLAYER_TRACK_NEXT
         self._finish = button(gui, FINISH, page.finish, icon=icon, color="gray", visible=False)
         self._note = gui.add_html("", visible=False)
-        self.map_changed(page.simap)
+        self._listed = page.simap, doubtful_on(page)
+        """The map whose objects are listed, and the doubtful ones."""
+        self._list_objects()
 
-    def map_changed(self, simap: SIMap) -> None:
-        """List the instances of the map."""
-        names = object_names(simap, MAX_LISTED, not_counted(simap, doubtful_on(self._page)))
+    def painted(self, simap: SIMap, snapshot: Snapshot) -> None:
+        """List the objects of the map, the doubtful called so, once the map is seen."""
+        now = simap, doubtful_on(self._page)
+        if not snapshot.badge and now != self._listed:
+            self._listed = now
+            self._page.worker.submit("list", self._list_objects, later=True)
+
+    def _list_objects(self) -> None:
+        simap, doubtful = self._listed
+        names = object_names(simap, MAX_LISTED, not_counted(simap, doubtful))
         if names == self._ids:
             return
         chosen = self._ids.get(str(self._list.value))
@@ -337,11 +346,6 @@ class InstancePanel(Panel):
         kept = next((name for name, number in names.items() if number == chosen), None)
         if kept is not None:
             self._list.value = kept
-
-    def painted(self, simap: SIMap, snapshot: Snapshot) -> None:
-        """List the instances anew, as the limits of what is doubtful may be others."""
-        if not snapshot.badge:
-            self.map_changed(simap)
 
     def time_changed(self, frame: int, step: int | None) -> None:
         """Offer a way back from an earlier frame."""

@@ -3,6 +3,7 @@
 import base64
 import functools
 import json
+import threading
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from html import escape
@@ -28,7 +29,7 @@ from simaps_viz.mapping.simap import slider_of
 from simaps_viz.structures import Grid, Instance, Room, SIMap
 from simaps_viz.viewer.page.page import MAX_RESOLUTION, MIN_RESOLUTION, SELECTED_TAB, Cut, Page, cut_of
 from simaps_viz.viewer.page.panel import Panel, button, button_row, by_person
-from simaps_viz.viewer.page.shared import Snapshot
+from simaps_viz.viewer.page.shared import Snapshot, cells_by_id
 from simaps_viz.viewer.scene.camera import SLANT, TOP, Extent, with_margin
 from simaps_viz.viewer.scene.map_scene import FULL_HEIGHT_M, Style
 
@@ -89,6 +90,7 @@ class MapPanel(Panel):
         self.faded: frozenset[str] = frozenset()
         """Classes that are dimmed."""
         self._other_mode: ColorMode = "photo"
+        self._describing, self._undescribed = threading.Lock(), False
         gui, simap, services = page.gui, page.base, page.services
         self._with_k, self._with_resolution = services.repartition is not None, services.recommunity is not None
         own, joining = cut_of(simap), slider_of(simap)
@@ -198,7 +200,7 @@ class MapPanel(Panel):
             self._tint.visible = on_photo
 
     def map_changed(self, simap: SIMap) -> None:
-        """Offer the colours that the map has, and describe what a moved slider changed."""
+        """Offer the colours that the map has; what a moved slider changed is described once the map is painted."""
         base, own, cut = self._page.base, cut_of(self._page.base), self._page.cut
         self._shown, self._shown_cut = simap, cut
         if after := self._after:
@@ -206,7 +208,7 @@ class MapPanel(Panel):
         else:
             self._was = (base, own) if cut != own and simap is not base else None  # as the map came: nothing is moved
         self._reset.visible = self._page.cut_here or self._was is not None  # also while the map before is looked at
-        self._describe_change()
+        self._undescribed = True
         if color_modes(simap) != tuple(self._mode.options):
             self._mode.options = color_modes(simap)
 
@@ -219,6 +221,15 @@ class MapPanel(Panel):
             self._cut_anew()
 
     def _describe_change(self) -> None:
+        """Describe and outline what a moved slider changed, once for each cut."""
+        with self._describing:
+            if self._undescribed:
+                self._undescribed = False
+                self._describe_now()
+                if self._was is not None and not self._outlined and self._page.selected is not None:
+                    self._page.repaint()  # nothing is outlined after all
+
+    def _describe_now(self) -> None:
         was, now, peeking = self._was, self._shown, self._after is not None
         self._peek.label = PEEKING if peeking and was is not None else BEFORE
         self._change.visible = self._peek.visible = was is not None
@@ -254,6 +265,7 @@ class MapPanel(Panel):
 
     def change_of(self, ids: Collection[int]) -> tuple[str, str]:
         """Return how a moved slider cuts the map, and what it changed of objects, in words; both empty if nothing."""
+        self._describe_change()
         changed = self._changed if self._was is not None else ()
         mine = next((one for one in changed if not set(ids).isdisjoint(self._ids_now(one))), None)
         if mine is None or self._was is None:
@@ -308,8 +320,8 @@ class MapPanel(Panel):
     def style(self, simap: SIMap, style: Style) -> Style:
         """Paint in the chosen colours, and emphasise the chosen class unless an instance is selected."""
         shown, faded = self.shown_class, self.faded
-        if self._outlined:  # what changed is seen all over the map, whatever is selected
-            style = replace(style, lit=None)
+        if self._outlined or (self._undescribed and self._was is not None):
+            style = replace(style, lit=None)  # what changed is seen all over the map, whatever is selected
         if style.lit is None and (shown is not None or faded):
             lit = simap.of_class(shown) if shown is not None else simap.instances
             style = replace(style, lit=frozenset(one.id for one in lit if one.label == shown or one.label not in faded))
@@ -388,6 +400,8 @@ class MapPanel(Panel):
             self._past.content = content
         if self._past.visible != past:
             self._past.visible = self._finish.visible = past
+        if self._undescribed:  # the map is seen first: what changed takes longer to say
+            self._page.worker.submit("changes", self._describe_change, later=True)
 
     def _show_rooms(self, simap: SIMap) -> None:
         rooms = simap.rooms if self._rooms.value else ()
@@ -470,7 +484,7 @@ def changes_between(before: SIMap, after: SIMap) -> tuple[tuple[Change, ...], tu
         the changes, the largest first; and those of objects that are the same, in cells that are not quite the same.
     """
     # The pairs of objects that share enough cells are links, and what they connect is one change.
-    areas = [np.bincount(one.instance.reshape(-1)) for one in (before, after)]
+    areas = [cells_by_id(one) for one in (before, after)]
     then, now, shared = shared_cells(before.instance, after.instance)
     linked = 2 * shared > np.minimum(areas[0][then], areas[1][now])
     then, now, shared = then[linked], now[linked], shared[linked]
@@ -609,8 +623,15 @@ class NamesPanel(Panel):
         shown = None if snapshot.badge else simap
         if shown is not self._shown:
             self._shown = shown
-            self._objects.content = "" if shown is None else self._page.shared.names(shown, names_html)
+            if shown is None or not self._objects.content:
+                self._name_objects()
+            else:
+                self._page.worker.submit("names", self._name_objects, later=True)
         self._show_state()
+
+    def _name_objects(self) -> None:
+        shown = self._shown
+        self._objects.content = "" if shown is None else self._page.shared.names(shown, names_html)
 
     def selection_changed(self, instance_id: int | None) -> None:
         """Send which object is selected."""

@@ -43,6 +43,9 @@
   const scale = make('div', 'simaps-scale', over);
   scale.setAttribute('role', 'img');
 
+  // At every frame; what is set to the value that it has would be laid out and drawn anew all the same.
+  const give = (owner, name, value) => { if (owner[name] !== value) owner[name] = value; };
+
   // What a person does here is told to the page's session, one message after the other.
   let telling = Promise.resolve();
   const tell = (event) => {
@@ -286,7 +289,7 @@
     return true;
   };
   const placeHandle = () => {
-    handle.hidden = !divide || !toScreen;
+    give(handle, 'hidden', !divide || !toScreen);
     if (handle.hidden) return;
     const [west, south, east, north] = divide.extent, x = west + (dragged ?? divide.share) / 100 * (east - west) - state.middle[0];
     const [[left, low], [, high]] = [south, north].map((y) => at(toScreen, x, y - state.middle[1]));
@@ -328,7 +331,7 @@
   document.documentElement.addEventListener('pointerleave', () => { pointer = null; changed = true; });
   const factsOf = (one) => one.facts + (state.doubtful && state.doubtful[one.id] ? ` · ${state.doubtful[one.id]}` : '');
   const say = (said, x, y) => {  // beside the pointer
-    hint.hidden = !said;
+    give(hint, 'hidden', !said);
     if (!said) return;
     const wide = widthOf(said) + 14;
     if (hint.textContent !== said) hint.textContent = said;
@@ -408,7 +411,8 @@
     const robot = toScreen && robotAt(), nose = robot && robotAt(ROBOT_M);
     if (!nose) return '';
     const [x, y] = [nose[0] - robot[0], nose[1] - robot[1]], reach = Math.hypot(x, y), large = Math.max(1, reach / ROBOT_PX);
-    disc.setAttribute('r', (Math.max(reach, LEAST_PX) / large).toFixed(1));
+    const radius = (Math.max(reach, LEAST_PX) / large).toFixed(1);
+    if (disc.getAttribute('r') !== radius) disc.setAttribute('r', radius);
     return `translate(${robot.map((one) => `${one.toFixed(1)}px`)}) translate(-50%, -50%) rotate(${Math.atan2(y, x).toFixed(3)}rad) scale(${large.toFixed(2)})`;
   };
   const AIM_M = 0.1;  // as a click takes it, for objects have holes
@@ -456,7 +460,7 @@
     if (leaders.length) lead(context);
     if (map && pointed) for (const one of map.shown) if (one.label === pointed) draw(context, one, true);
     for (const one of [under, chosen]) if (one) draw(context, one, false);
-    drawing.hidden = !drawn;  // some graphics go on showing what was last on a canvas that was only cleared
+    give(drawing, 'hidden', !drawn);  // some graphics go on showing what was last on a canvas that was only cleared
   };
 
   // The legend: what is pointed to is outlined, a press shows a class alone or fades it.
@@ -499,7 +503,6 @@
   };
 
   // In the top view a drag moves the map and north stays up; the wheel comes closer to what is under the pointer.
-  const give = (owner, name, value) => { if (owner[name] !== value) owner[name] = value; };
   const hands = (controls) => {
     const can = controls.constructor.ACTION, top = state.view === TOP;
     give(controls.mouseButtons, 'left', top ? can.TRUCK : can.ROTATE);
@@ -593,7 +596,7 @@
     const viser = window.__viserMutable, canvas = viser && viser.canvas;
     if (!canvas || !viser.nodeRefFromName) return;
     if (over.parentElement !== canvas.parentElement) canvas.parentElement.appendChild(over);
-    coming.hidden = Boolean(viser.nodeRefFromName['/map']);
+    give(coming, 'hidden', Boolean(viser.nodeRefFromName['/map']));
     readObjects();
     const entry = document.querySelector('.simaps-legend [data-class]');
     if (entry !== legend) { legend = entry; changed = true; }
@@ -602,13 +605,13 @@
     if (readDivide()) changed = true;
     const cut = document.querySelector('.simaps-change'), shown = cut && cut.offsetParent ? cut.dataset.shown : '';
     if (chip.textContent !== shown) chip.textContent = shown;
-    chip.hidden = !shown || covered(viser);
+    give(chip, 'hidden', !shown || covered(viser));
     const only = state.only_text ? `${state.only_text} · show all` : '';
     if (alone.textContent !== only) alone.textContent = only;
-    alone.hidden = !only || covered(viser);
+    give(alone, 'hidden', !only || covered(viser));
     const facts = state.facts ? `${factsOf({ id: state.selected, facts: state.facts })} · more` : '';
     if (about.textContent !== facts) about.textContent = facts;
-    about.hidden = !facts || covered(viser) || opened.split('|').includes(state.tab);
+    give(about, 'hidden', !facts || covered(viser) || opened.split('|').includes(state.tab));
     if (viser.cameraControl) hands(viser.cameraControl);
     toScreen = look(viser, canvas);
     const isCovered = covered(viser);
@@ -629,11 +632,11 @@
     heading.style.display = turned ? '' : 'none';
     heading.style.transform = turned;
     placeHandle();
-    scale.hidden = !toScreen || !top;
+    give(scale, 'hidden', !toScreen || !top);
     if (!scale.hidden) drawScale();
-    drawing.hidden = bare || !top;
-    names.hidden = !toScreen;
-    if (bare || !toScreen) hint.hidden = true;
+    if (bare || !top) give(drawing, 'hidden', true);
+    give(names, 'hidden', !toScreen);
+    if (bare || !toScreen) give(hint, 'hidden', true);
     if (!toScreen) return;
     if (bare) writeAll('', null);
     else if (top) drawOver(canvas, plain);
