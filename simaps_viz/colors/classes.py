@@ -8,6 +8,7 @@ from importlib import resources
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.colors.array_cache import ArrayCache
 from simaps_viz.colors.palette import PALETTE, Color, color_of_number
 from simaps_viz.geometry import STANDS_FROM_M
 from simaps_viz.structures import Grid
@@ -28,6 +29,9 @@ STRUCTURE = ("wall", "column", "door", "window")
 """Classes that belong to the building."""
 UNSEEN, FLOOR, CLUTTER, WALL = range(4)
 """Kinds of ground; clutter is something that stands there without a name."""
+
+
+_ground_kinds = ArrayCache()
 
 
 def is_thing(label: str) -> bool:
@@ -87,8 +91,12 @@ def cells_of_classes(grid: Grid, *names: str) -> NDArray:
 
 
 def ground_kinds(grid: Grid) -> NDArray:
-    """Return what every cell is below the objects: uint8 [rows, cols], UNSEEN, FLOOR, CLUTTER or WALL."""
-    kinds = np.where(np.isnan(grid.height_m), UNSEEN, FLOOR).astype(np.uint8)
-    kinds[(grid.height_m >= STANDS_FROM_M) & ~cells_of_classes(grid, "floor")] = CLUTTER
-    kinds[cells_of_classes(grid, *STRUCTURE)] = WALL
-    return kinds
+    """Return what every cell is below the objects: uint8 [rows, cols], UNSEEN, FLOOR, CLUTTER or WALL; shared."""
+
+    def compute() -> NDArray:
+        kinds = np.where(np.isnan(grid.height_m), UNSEEN, FLOOR).astype(np.uint8)
+        kinds[(grid.height_m >= STANDS_FROM_M) & ~cells_of_classes(grid, "floor")] = CLUTTER
+        kinds[cells_of_classes(grid, *STRUCTURE)] = WALL
+        return kinds
+
+    return _ground_kinds.get((grid.height_m, grid.label), grid.labels, compute)

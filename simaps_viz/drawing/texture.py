@@ -43,6 +43,8 @@ PATTERNS: tuple[Callable[[NDArray, NDArray], NDArray], ...] = (
 """Which cells of a class are darker: none, stripes in four directions, squares; the legend has the same."""
 FADED = 0.22
 """How much of its colour is left to what is not emphasised."""
+FAINT = 0.25
+"""How much of its colour is left to what is doubtful."""
 TINT = 0.25
 """Share of its object's colour in a cell of the photo, at first."""
 HEIGHT_TOP_M = 2.0
@@ -250,15 +252,18 @@ def outline_segments(simap: SIMap, *ids: int, z_m: float = 0.0) -> NDArray:
 
     Edges of cells that follow each other straight on are one line: what draws them is asked for far fewer.
     """
-    if not ids:
+    inside = np.isin(simap.instance, ids) if ids else np.zeros((1, 1), bool)
+    rows, cols = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
+    if not len(rows):
         return np.zeros((0, 2, 3), np.float32)
-    inside = np.pad(np.where(np.isin(simap.instance, ids), simap.instance, 0), 1)
+    there = np.s_[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
+    inside = np.pad(np.where(inside[there], simap.instance[there], 0), 1)
     row, start, end = _straight(inside[1:, :] != inside[:-1, :])
     level = np.stack([np.stack([start, row], -1), np.stack([end, row], -1)], 1)
     col, start, end = _straight((inside[:, 1:] != inside[:, :-1]).T)
     upright = np.stack([np.stack([col, start], -1), np.stack([col, end], -1)], 1)
     spec = simap.spec
-    corners = np.concatenate([level, upright]) * spec.cell_size_m + (spec.x0_m, spec.y0_m)
+    corners = np.add(np.concatenate([level, upright]), (cols[0], rows[0])) * spec.cell_size_m + (spec.x0_m, spec.y0_m)
     return np.concatenate([corners, np.full((*corners.shape[:2], 1), z_m)], axis=2).astype(np.float32)
 
 
@@ -267,6 +272,15 @@ def _straight(edges: NDArray) -> tuple[NDArray, NDArray, NDArray]:
     steps = np.diff(edges.astype(np.int8), axis=1)  # the padding is never true
     row, start = np.nonzero(steps == 1)
     return row, start, np.nonzero(steps == -1)[1]
+
+
+def fade_objects(image: NDArray, simap: SIMap, faint: Collection[int], theme: Theme) -> None:
+    """Let objects keep a quarter of their colour, without rims, in a map's picture [rows * scale, cols * scale, 3]."""
+    scale, cols = image.shape[1] // simap.spec.cols, simap.spec.cols
+    row, col = np.nonzero(np.isin(simap.instance, sorted(faint)))
+    own = image[scale // 2 :: scale, scale // 2 :: scale][row, col]
+    colors = (own * FAINT + np.array(theme.floor) * (1.0 - FAINT)).astype(np.uint8)
+    image.reshape(-1, scale, cols, scale, 3)[row, :, col] = colors[:, None, None]
 
 
 def _ground(simap: SIMap, mode: ColorMode) -> tuple[NDArray, int]:

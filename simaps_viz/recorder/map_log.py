@@ -62,7 +62,7 @@ def on_picture(points_m: NDArray) -> NDArray:
 
 def ground_picture(grid: Grid) -> NDArray:
     """Draw floor, walls, things without a name and things with one, uint8 [rows, cols], values as in ``GROUND``."""
-    picture = ground_kinds(grid)
+    picture = ground_kinds(grid).copy()
     picture[np.array(grid.is_thing, dtype=bool)[grid.label]] = UNPARTED
     return north_up(picture)
 

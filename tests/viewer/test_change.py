@@ -14,19 +14,18 @@ from judged_maps import drawn, map_of_ids
 from toy_maps import TOY_POSE, toy_map
 
 from simaps_viz.drawing.legend import facts_html, legend_html
-from simaps_viz.drawing.texture import cell_colors, outline_segments
+from simaps_viz.drawing.texture import FAINT, cell_colors, outline_segments
 from simaps_viz.drawing.theme import LIGHT
 from simaps_viz.errors import InputError
 from simaps_viz.evaluation.two_maps import TRUTH, Source, compare_two
 from simaps_viz.mapping.simap import repartition
-from simaps_viz.viewer.page.shared import keep_numbers, same_instances
+from simaps_viz.viewer.page.shared import keep_numbers, paint, same_instances
 from simaps_viz.viewer.panels import map as map_panel
 from simaps_viz.viewer.panels.command import CommandPanel
 from simaps_viz.viewer.panels.compare import MethodPanel, item_text, method_panel
 from simaps_viz.viewer.panels.help import HelpPanel
 from simaps_viz.viewer.panels.instance import FindBox
 from simaps_viz.viewer.panels.map import (
-    FAINT,
     MAX_CHANGES,
     MapPanel,
     change_text,
@@ -378,14 +377,20 @@ def test_what_is_doubtful_is_faint_and_not_counted_by_thresholds_that_a_person_m
         session.panels[FindBox]._typed()
         assert "chair: 3 doubtful." in session.panels[FindBox]._status.content
         assert "chair <b>2</b> + 1 doubtful" in legend_html(session.simap, "instance", doubtful={chairs[0].id})
-        painted, colors = drawn[-1].paint
-        assert np.array_equal(painted, np.flatnonzero(np.isin(session.simap.instance, list(few))))
-        own = cell_colors(session.simap, "instance").reshape(-1, 3)[painted].astype(float)
-        floor = np.array(LIGHT.floor)
-        assert np.allclose(colors - floor, FAINT * (own - floor), atol=1.0)  # a quarter of the way from the floor
+        assert drawn[-1].faint == few and drawn[-1].paint is None
+        floor, there = np.array(LIGHT.floor), np.isin(session.simap.instance, list(few))
+        bare, picture = (
+            paint(session.simap, "instance", None, None, faint=faint) for faint in (frozenset(), frozenset(few))
+        )
+        scale = len(picture) // len(there)
+        assert scale > 2
+        whole, faint = (one.reshape(len(there), scale, -1, scale, 3).swapaxes(1, 2) for one in (bare, picture))
+        assert np.array_equal(whole[~there], faint[~there]) and not np.array_equal(whole, faint)
+        colors = faint[there].reshape(-1, scale**2, 3)  # without rims
+        whole = cell_colors(session.simap, "instance")[there].astype(float)[:, None]
+        assert np.allclose(colors - floor, FAINT * (whole - floor), atol=1.0)  # a quarter of the way from the floor
         session.select(min(few))  # what is selected is seen
-        assert session.wait_idle() and not np.isin(drawn[-1].paint[0], np.flatnonzero(
-            session.simap.instance == min(few))).any()  # fmt: skip
+        assert session.wait_idle() and min(few) in drawn[-1].lit and drawn[-1].faint == few - drawn[-1].lit
         state = panel.state()
         panel._least_cells.value = 0
         panel.restore(state)

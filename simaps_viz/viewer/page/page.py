@@ -547,11 +547,11 @@ class Page:
         shown = self.simap
         then = self.snapshot()
         lit = None if self.selected is None else frozenset({self.selected})
-        style = self.panels.style(shown, Style("instance", lit, then.until, None, self.scene.theme))
+        style = self.panels.style(shown, Style("instance", lit, then.until, theme=self.scene.theme))
         past = then.simap.instance is not shown.instance
         if past:  # an earlier map has ids, and evidence, of its own
             lit = style.lit and (ids_then(then.simap, shown, style.lit) or None)
-            style = replace(style, lit=lit, paint=None)
+            style = replace(style, lit=lit, paint=None, faint=frozenset())
         if past or self._outlined_past:
             mine = frozenset() if self.selected is None else frozenset({self.selected})
             at = (then.simap, ids_then(then.simap, shown, mine)) if past else None
@@ -560,10 +560,11 @@ class Page:
         if then.classes_only:
             style = replace(style, mode="class")
         # Pictures without marks of this page alone are shared by all pages.
+        drawn = (then.simap, style.mode, style.lit, style.until, style.theme, style.tint, style.faint)
         if style.paint is None:
-            picture = self.shared.picture(then.simap, style.mode, style.lit, style.until, style.theme, style.tint)
+            picture = self.shared.picture(*drawn)
         else:
-            image = paint(then.simap, style.mode, style.lit, style.until, style.theme, style.tint)
+            image = paint(*drawn)
             paint_cells(image, *style.paint, then.simap.spec.cols)
             picture = png(image)
         self.scene.show_map(then.simap, picture, style)

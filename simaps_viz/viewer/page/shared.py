@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from simaps_viz.colors.instances import keep_classes, take_over
 from simaps_viz.drawing.frame_pictures import communities_unseen_until
 from simaps_viz.drawing.legend import counts_text
-from simaps_viz.drawing.texture import TINT, ColorMode, map_image, pixels_per_cell
+from simaps_viz.drawing.texture import TINT, ColorMode, fade_objects, map_image, pixels_per_cell
 from simaps_viz.drawing.theme import LIGHT, Theme
 from simaps_viz.evaluation.judging import JudgingSession
 from simaps_viz.geometry import shared_cells
@@ -201,6 +201,7 @@ class Shared:
         until: int | None,
         theme: Theme = LIGHT,
         tint: float = TINT,
+        faint: frozenset[int] = frozenset(),
     ) -> bytes:
         """Return a map's picture as PNG.
 
@@ -211,8 +212,9 @@ class Shared:
             until: hide what no frame up to that one had named; None = nothing.
             theme: of the page.
             tint: share of its object's colour in a cell of a photo, 0 to 1.
+            faint: the instances that keep a quarter of their colour.
         """
-        key = (simap, mode, lit, until, theme, tint)
+        key = (simap, mode, lit, until, theme, tint, faint)
         return self.pictures.get(key, lambda: self._in_turn(lambda: png(paint(*key))))
 
     def names(self, simap: SIMap, write: Callable[[SIMap], str]) -> str:
@@ -237,6 +239,7 @@ def paint(
     until: int | None,
     theme: Theme = LIGHT,
     tint: float = TINT,
+    faint: frozenset[int] = frozenset(),
 ) -> NDArray:
     """Paint a map, uint8 [rows * scale, cols * scale, 3], RGB, row 0 at the south; arguments as in `Shared.picture`.
 
@@ -244,6 +247,8 @@ def paint(
     """
     hidden = () if until is None else tuple(communities_unseen_until(simap, until).tolist())
     image = map_image(simap, mode, lit=lit, hidden=hidden, scale=pixels_per_cell(simap), theme=theme, tint=tint)
+    if faint:
+        fade_objects(image, simap, faint, theme)
     shrink = MAX_SIDE / max(image.shape[:2])
     if shrink >= 1.0:
         return image

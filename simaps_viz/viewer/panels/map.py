@@ -20,7 +20,7 @@ from scipy.sparse.csgraph import connected_components
 from simaps_viz.colors.classes import CLUTTER, FLOOR, UNSEEN, WALL, ground_kinds, plain, plural
 from simaps_viz.drawing.compare_picture import difference_text
 from simaps_viz.drawing.legend import counted, counts_of, counts_text, legend_html, not_counted, title_of
-from simaps_viz.drawing.texture import TINT, ColorMode, cell_colors, color_modes
+from simaps_viz.drawing.texture import TINT, ColorMode, color_modes
 from simaps_viz.drawing.theme import BADGE_STYLE, short
 from simaps_viz.geometry import shared_cells
 from simaps_viz.mapping.in_space import all_instances, has_voxels
@@ -49,8 +49,6 @@ MODE_HINT = "What a colour on the map means; the legend follows."
 TINT_HINT = "How much of the objects' colours lies over the photo."
 CUT_HINT = "Leave out everything above, as if the roof and then the tables were lifted off."
 WALLS_HINT = "Show walls in full height; otherwise they end low, so that one can look in."
-FAINT = 0.25
-"""What is doubtful keeps this share of its colour."""
 DOUBTFUL_HINT = "What has less is doubtful: faint and not counted. Commands and exports have it all the same."
 MapState = tuple[ColorMode, int, str | None, bool, tuple[int, float, int], Cut | None]
 GROUND_ID = 1 << 23
@@ -328,13 +326,9 @@ class MapPanel(Panel):
         elif style.lit is not None and shown is not None:  # the class stays shown beside the selected one
             style = replace(style, lit=style.lit | {one.id for one in simap.of_class(shown)})
         style = replace(style, mode=self.mode, tint=self._tint.value / 100.0)
-        faint = self.doubtful(simap) - (style.lit or frozenset())
-        if not faint or self.mode not in ("instance", "class"):
+        if self.mode not in ("instance", "class"):
             return style
-        colors = cell_colors(simap, self.mode, lit=style.lit, theme=style.theme).reshape(-1, 3)
-        cells = np.flatnonzero(np.isin(simap.instance, sorted(faint)))
-        floor = np.array(style.theme.floor)
-        return replace(style, paint=(cells, (colors[cells] * FAINT + floor * (1.0 - FAINT)).astype(np.uint8)))
+        return replace(style, faint=self.doubtful(simap) - (style.lit or frozenset()))
 
     def doubtful(self, simap: SIMap) -> frozenset[int]:
         """Return the ids of the objects that were seen too little, by the thresholds that the person has set."""

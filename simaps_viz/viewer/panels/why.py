@@ -194,7 +194,7 @@ class WhyPanel(Panel):
         why = self.why
         if why is None or simap is not self._simap or not self._color.value:
             return style
-        return replace(style, paint=(why.cells, sureness_colors(why)))
+        return replace(style, paint=(why.cells, sureness_colors(why)), faint=frozenset())
 
     def view_changed(self, name: str) -> None:
         """Draw the lines above the object's block in the slanted view, and on the floor in the top view."""

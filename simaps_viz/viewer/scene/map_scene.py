@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from simaps_viz.colors.palette import Color
 from simaps_viz.drawing.surface import is_shown, layers, point_colors, ray_on_points, solids
-from simaps_viz.drawing.texture import TINT, ColorMode, cell_colors, outline_segments
+from simaps_viz.drawing.texture import TINT, ColorMode, cell_colors, fade_objects, outline_segments
 from simaps_viz.drawing.theme import LIGHT, Theme
 from simaps_viz.geometry import turned_pose, upright_turns
 from simaps_viz.mapping.in_space import VOXEL_M, box_in, has_voxels, space_points
@@ -60,6 +60,8 @@ class Style:
     """Leave out what no frame up to this one had named; None = leave out nothing."""
     paint: tuple[NDArray, NDArray] | None = None
     """Cells (flat) that get colours of their own, uint8 [n, 3]."""
+    faint: frozenset[int] = frozenset()
+    """Instances that keep a quarter of their colour."""
     theme: Theme = LIGHT
     """Theme of the page."""
     tint: float = TINT
@@ -340,6 +342,7 @@ class MapScene:
             self._show_cloud(shown, simap, style)
             return
         colors = cell_colors(simap, style.mode, lit=style.lit, theme=style.theme)
+        fade_objects(colors, simap, style.faint, style.theme)
         if style.paint is not None:
             paint_cells(colors, *style.paint, simap.spec.cols)
         made = list(solids(simap, colors))
