@@ -147,26 +147,15 @@ def describe_instances(grid: Grid, instance: NDArray, views: Views, instance_of:
     Returns:
         sorted by class name, then id; lengths in metres of the map frame.
     """
-    flat = instance.reshape(-1)
-    where = np.flatnonzero(flat)
-    ids = np.flatnonzero(np.bincount(flat[where]))
+    spec, size = grid.spec, int(instance.max(initial=0)) + 1
+    place = spec.x0_m, spec.y0_m, spec.cell_size_m
+    cells, label, total, low, high = _measured(instance, grid.height_m, grid.label, *place, size)
+    ids = np.flatnonzero(cells)
     if len(ids) == 0:
         return ()
-    # Number the instances on the grid, so that every measure is one bincount.
-    number = np.zeros(int(ids[-1]) + 1, dtype=np.int64)
-    number[ids] = np.arange(len(ids))
-    group = number[flat[where]]
-    n = np.bincount(group)
-    half = grid.spec.cell_size_m / 2.0
-    mean, low, high = [], [], []
-    for axis in range(3):  # one after the other, each as large as all instances
-        values = _along(grid, where, axis)
-        reach = half if axis < 2 else 0.0
-        mean.append(np.bincount(group, weights=values) / n)
-        low.append(_extreme(np.minimum, group, values - reach, np.inf, len(ids)))
-        high.append(_extreme(np.maximum, group, values + reach, -np.inf, len(ids)))
-    label = np.zeros(len(ids), dtype=int)
-    label[group] = grid.label.reshape(-1)[where]
+    half = np.array([spec.cell_size_m / 2.0, spec.cell_size_m / 2.0, 0.0])[:, None]
+    n, label = cells[ids], label[ids]
+    mean, low, high = total[:, ids] / n, low[:, ids] - half, high[:, ids] + half
     frames, score = _seen(views, instance_of, ids)
 
     centroids, lows, highs = (list(zip(*map(_rounded, axes), strict=True)) for axes in (mean, low, high))
@@ -181,20 +170,26 @@ def describe_instances(grid: Grid, instance: NDArray, views: Views, instance_of:
     return tuple(sorted(found, key=lambda one: (one.label, one.id)))
 
 
-def _along(grid: Grid, where: NDArray, axis: int) -> NDArray:
-    """Return x, y or z (axis 0, 1, 2) of the tops of some flat cells, float64 [n], metres."""
-    spec = grid.spec
-    if axis == 0:
-        return spec.x0_m + (where % spec.cols + 0.5) * spec.cell_size_m
-    if axis == 1:
-        return spec.y0_m + (where // spec.cols + 0.5) * spec.cell_size_m
-    return grid.height_m.reshape(-1)[where].astype(np.float64)
-
-
-def _extreme(ufunc: np.ufunc, group: NDArray, values: NDArray, start: float, size: int) -> NDArray:
-    result = np.full(size, start)
-    ufunc.at(result, group, values)
-    return result
+@njit(cache=True)
+def _measured(
+    instance: NDArray, height_m: NDArray, label: NDArray, x0_m: float, y0_m: float, cell_size_m: float, size: int
+) -> tuple[NDArray, NDArray, NDArray, NDArray, NDArray]:
+    """Return of each id how many cells it has, its label, and of their tops the sum, least and greatest, [3, ids]."""
+    cells, labels = np.zeros(size, np.int64), np.zeros(size, np.int64)
+    total, low, high = np.zeros((3, size)), np.full((3, size), np.inf), np.full((3, size), -np.inf)
+    for row in range(instance.shape[0]):
+        for col in range(instance.shape[1]):
+            one = instance[row, col]
+            if one == 0:
+                continue
+            cells[one] += 1
+            labels[one] = label[row, col]
+            x_m, y_m = x0_m + (col + 0.5) * cell_size_m, y0_m + (row + 0.5) * cell_size_m
+            for axis, value in enumerate((x_m, y_m, np.float64(height_m[row, col]))):
+                total[axis, one] += value
+                low[axis, one] = np.minimum(low[axis, one], value)
+                high[axis, one] = np.maximum(high[axis, one], value)
+    return cells, labels, total, low, high
 
 
 def _rounded(values: NDArray) -> list[float]:

@@ -12,7 +12,7 @@ from toy_maps import toy_map
 
 from simaps_viz.mapping.edits import views_after
 from simaps_viz.mapping.observations import Readings
-from simaps_viz.mapping.partition import group_views
+from simaps_viz.mapping.partition import describe_instances, group_views
 from simaps_viz.mapping.simap import count_views
 from simaps_viz.structures import Views
 
@@ -30,6 +30,27 @@ def test_groups_are_what_a_dictionary_makes_of_them(rows):
     assert groups.first.tolist() == [rows.index(row) for row in sorted(counted)]
     assert groups.size.tolist() == [counted[row] for row in sorted(counted)]
     assert groups.of_row.tolist() == [sorted(counted).index(row) for row in rows]
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 12), st.integers(1, 12), st.integers(0, 20))
+def test_an_instance_is_measured_as_its_cells_say_one_by_one(seed, rows, cols, most):
+    rng = np.random.default_rng(seed)
+    numbers = np.r_[0, rng.choice(np.arange(1, 50), most, replace=False)].astype(np.int32)
+    instance = rng.choice(numbers, (rows, cols))
+    label = (instance % 2 + 1).astype(np.int16)
+    grid = grid_of(label, rng.uniform(-0.5, 3.0, (rows, cols)).astype(np.float32))
+    none = Views(*(np.zeros(0, np.int32) for _ in range(4)), np.zeros(0, np.float32))
+    found = describe_instances(grid, instance, none, np.arange(50, dtype=np.int32))
+    assert [(one.label, one.id) for one in found] == sorted(
+        (grid.labels[one % 2 + 1], one) for one in set(instance.ravel().tolist()) - {0}
+    )
+    for one in found:
+        row, col = np.nonzero(instance == one.id)
+        tops = np.array([(*grid.spec.centre_of(r, c), grid.height_m[r, c]) for r, c in zip(row, col, strict=True)])
+        half = np.array([grid.spec.cell_size_m / 2.0] * 2 + [0.0])
+        assert one.cells == len(row)
+        assert np.allclose(one.centroid_m, tops.mean(axis=0), atol=1e-4)
+        assert np.allclose(one.aabb_m, (tops.min(axis=0) - half, tops.max(axis=0) + half), atol=1e-4)
 
 
 @pytest.mark.parametrize("communities", [(1, 2), (1, 1 << 23), (1, (1 << 24) + 1), ((1 << 31) - 2, (1 << 31) - 1)])
