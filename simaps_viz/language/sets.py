@@ -973,10 +973,14 @@ class Sets(Grounding):
                 raise CommandError(f"order by {key}: expected what to count, found nothing")
             if not found.items:
                 return found
+            others = self.set_of(of)
+            others.expect(1)
             counts, sign = self._counts(found, of), -1 if key == "many" else 1
+            if key == "many" and not any(counts.values()):
+                raise CommandError(f"None of the {found.many} has a {others.one} next to it.")
             # Counts that differ by one are two levels apart: no tie.
             ordered = self._sorted_by(found, [2.0 * sign * counts[i.id] for i in found.items], "")
-            counted = self.set_of(of).many
+            counted = others.many
             # "The table with 4 chairs" says already how many.
             is_said = key == "few" and found.after.endswith(counted)
             words = "" if is_said else f"with the {'most' if key == 'many' else 'fewest'} {counted}"

@@ -143,6 +143,27 @@ def test_an_arrow_as_large_at_every_zoom_shows_where_the_robot_looks(bench, page
     assert page.evaluate("() => Object.keys(window.__viserMutable.nodeRefFromName).includes('/robot/nose')") is False
 
 
+def test_on_a_map_that_was_cut_anew_nothing_has_the_name_it_had_before(bench, page, monkeypatch):
+    """Its names come a moment later; until then there are none."""
+    session, hint = mine(bench), page.locator(".simaps-hint")
+    whole = session.simap
+    page.mouse.move(*on_canvas(bench, page, *CHAIR))
+    expect(hint).to_contain_text("chair 1 ")
+    monkeypatch.setattr("simaps_viz.viewer.page.page.LATER_S", 3600.0)
+    session.cut_map(30.0, 1.0)
+    expect(page.locator(".simaps-name:visible")).to_have_count(0)
+    expect(hint).to_be_hidden()
+    assert (
+        session.simap is not whole and "looking for what changed" in page.locator(".simaps-change").inner_text().lower()
+    )
+    monkeypatch.setattr("simaps_viz.viewer.page.page.LATER_S", 0.0)
+    session.repaint()
+    session.submit("steps", lambda: None)
+    expect(hint).to_contain_text("chair 1 ")  # though the pointer rests
+    expect(page.locator(".simaps-name:visible").first).to_be_visible()
+    assert session.wait_idle() and "before)" in page.locator(".simaps-change").inner_text()
+
+
 CHANGES = """() => new Promise((done) => {
   const changes = [];
   const observer = new MutationObserver((seen) => changes.push(...seen.map((one) =>

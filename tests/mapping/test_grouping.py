@@ -39,14 +39,16 @@ def test_an_instance_is_measured_as_its_cells_say_one_by_one(seed, rows, cols, m
     instance = rng.choice(numbers, (rows, cols))
     label = (instance % 2 + 1).astype(np.int16)
     grid = grid_of(label, rng.uniform(-0.5, 3.0, (rows, cols)).astype(np.float32))
-    none = Views(*(np.zeros(0, np.int32) for _ in range(4)), np.zeros(0, np.float32))
+    nobody = np.zeros(0, np.int32)
+    none = Views(nobody, nobody, nobody, nobody, np.zeros(0, np.float32))
     found = describe_instances(grid, instance, none, np.arange(50, dtype=np.int32))
     assert [(one.label, one.id) for one in found] == sorted(
         (grid.labels[one % 2 + 1], one) for one in set(instance.ravel().tolist()) - {0}
     )
     for one in found:
         row, col = np.nonzero(instance == one.id)
-        tops = np.array([(*grid.spec.centre_of(r, c), grid.height_m[r, c]) for r, c in zip(row, col, strict=True)])
+        cells = zip(row.tolist(), col.tolist(), strict=True)
+        tops = np.array([(*grid.spec.centre_of(*cell), grid.height_m[cell]) for cell in cells])
         half = np.array([grid.spec.cell_size_m / 2.0] * 2 + [0.0])
         assert one.cells == len(row)
         assert np.allclose(one.centroid_m, tops.mean(axis=0), atol=1e-4)

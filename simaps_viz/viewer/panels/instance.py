@@ -48,7 +48,7 @@ STEPS = "".join(
     for by, name, sign in ((-1, "Previous", "‹"), (1, "Next", "›"))
 )
 """Buttons that the page's script answers."""
-HELP = f'<div style="{BOX_STYLE}">Click an object on the map, choose it from the list, or type its name.</div>'
+HELP = f'<div style="{BOX_STYLE}">Click an object on the map, choose it from the list, or type its name in Find.</div>'
 
 
 class NotFound(Exception):  # noqa: N818 - what was typed is not on the map

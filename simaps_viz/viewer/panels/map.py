@@ -76,8 +76,8 @@ class MapPanel(Panel):
     """The position that was selected when what changed was outlined."""
     _changed: tuple[Change, ...] = ()
     """What a moved slider changed, the largest first."""
-    _said = ""
-    """What is counted on the map."""
+    _said = _said_of_it = ""
+    """What is counted on the map, and what is said of that which a moved slider changed."""
     _looked = 0
     """Which of it is looked at, counted from 1."""
 
@@ -241,9 +241,7 @@ class MapPanel(Panel):
         said = change_text(self._counted(before), self._counted(after), changes, len(edges))
         other = cut_text(now, was[1], self._shown_cut)
         said = f"{at}. After, {other}: {said}" if peeking else f"{at}, instead of {other} as it came: {said}"
-        self._change.content = (
-            f'<div class="simaps-change" data-shown="{escape(at)}">{_line(said, fold=MAX_CHANGES)}</div>'
-        )
+        self._said_of_it, self._change.content = said, _change_html(at, said)
         found = changes or edges
         same = [one.text for one in found] == [one.text for one in self._changed]
         self._changed = found
@@ -395,6 +393,11 @@ class MapPanel(Panel):
         if self._past.visible != past:
             self._past.visible = self._finish.visible = past
         if self._undescribed:  # the map is seen first: what changed takes longer to say
+            if self._was is not None:
+                cut = cut_text(simap, self._shown_cut, self._was[1])
+                at = f"{'Now' if self._after is None else 'Before'}: {cut}"
+                self._change.content = _change_html(at, f"{at}. Looking for what changed …", over=self._said_of_it)
+                self._change.visible = True
             self._page.worker.submit("changes", self._describe_change, later=True)
 
     def _show_rooms(self, simap: SIMap) -> None:
@@ -545,6 +548,11 @@ def change_text(old: Mapping[str, int], new: Mapping[str, int], changes: Sequenc
     return "\n".join((first, *(change.text for change in changes)))
 
 
+def _change_html(shown: str, text: str, over: str = "") -> str:
+    """Say what changed; ``shown`` is said on the map, ``over`` as for `_line`."""
+    return f'<div class="simaps-change" data-shown="{escape(shown)}">{_line(text, over, fold=MAX_CHANGES)}</div>'
+
+
 def _first_mode(simap: SIMap) -> ColorMode:
     """Return what a page shows at first: a real place as it looked, where that is known, else its objects."""
     return "photo" if "photo" in color_modes(simap) and not simap.provenance.get("simulated") else "instance"
@@ -675,6 +683,7 @@ class NamesPanel(Panel):
         chosen = next((one for one in all_instances(page.simap) if one.id == page.selected), None)
         state["facts"] = "" if chosen is None else hint_text(chosen, page.simap.spec.cell_size_m)
         state["tab"] = SELECTED_TAB
+        state["map"] = id(self._shown)
         state["middle"] = (xmin + xmax) / 2.0, (ymin + ymax) / 2.0
         content = f'<div class="simaps-state" hidden data-state="{escape(json.dumps(state))}"></div>'
         if self._state.content != content:
@@ -697,7 +706,7 @@ def names_html(simap: SIMap) -> str:
 
     Their ids are a PNG, one pixel a cell, row 0 at the south: red + 256 * green + 65536 * blue; from `GROUND_ID` on
     what is there instead. The rest is JSON: the map's extent and the side of a pixel, metres; the names of what is
-    there instead; and of each object, the largest first, id, name, class and what is said of it.
+    there instead; of each object, the largest first, id, name, class and what is said of it; and which map it is.
     """
     step = -(-max(simap.spec.shape) // MAX_SIDE)
     ground, ground_of = _ground(simap.grid)
@@ -708,9 +717,9 @@ def names_html(simap: SIMap) -> str:
     largest = sorted(simap.instances, key=lambda one: (-one.cells, one.id))[:MAX_NAMED]
     rows = [(one.id, one.name, one.label, hint_text(one, cell_m)) for one in largest]
     (xmin, ymin, xmax, ymax), size_m = simap.spec.extent_m, step * cell_m
-    told = json.dumps({"extent": (xmin, ymin, xmax, ymax), "cell": size_m, "objects": rows, "ground": ground})
+    told = {"extent": (xmin, ymin, xmax, ymax), "cell": size_m, "objects": rows, "ground": ground, "map": id(simap)}
     return (
-        f'<div class="simaps-objects" hidden data-objects="{escape(told)}">'
+        f'<div class="simaps-objects" hidden data-objects="{escape(json.dumps(told))}">'
         f'<img alt="" src="data:image/png;base64,{png}"></div>'
     )
 

@@ -82,7 +82,10 @@
     if (!one) { map = null; changed = true; return; }
     const told = JSON.parse(one.dataset.objects), picture = one.querySelector('img');
     picture.decode().then(() => {
-      if (one === sent) { map = read(told, picture); changed = true; }
+      if (one !== sent) return;
+      map = read(told, picture);
+      count = 0;  // where names of the map before stood counts for nothing
+      changed = 2;  // drawn twice: what is under the pointer may be a name, which the first picture places
     }).catch(() => {});
   };
   const read = (told, picture) => {
@@ -111,7 +114,7 @@
     const [xmin, ymin] = told.extent;
     const shown = [...objects.values()].filter((one) => one.cells);
     for (const one of shown) { one.x /= one.cells; one.y /= one.cells; settle(one, ids, cols); }
-    return { ids, rows, cols, cell: told.cell, xmin, ymin, objects, shown, groundAt: (col, row) =>
+    return { ids, rows, cols, cell: told.cell, xmin, ymin, objects, shown, number: told.map, groundAt: (col, row) =>
       (col >= 0 && row >= 0 && col < cols && row < rows ? told.ground[ground[row * cols + col]] : '') };
   };
   const settle = (one, ids, cols) => {  // a name stands on its object: at the cell nearest to the middle
@@ -441,7 +444,8 @@
     else context.clearRect(0, 0, w, h);
     drawn = false;
     let under = null, said = '', name = 0, spot = [0, 0];
-    if (map && pointer && !pressed) {
+    const known = map && map.number === state.map;  // else another is seen already, whose objects are still to come
+    if (known && pointer && !pressed) {
       const box = canvas.getBoundingClientRect(), [x, y] = [pointer[0] - box.left, pointer[1] - box.top];
       name = named(x, y);
       const cell = cellAt(toScreen, x, y), robot = robotAt(), near = robot && Math.hypot(robot[0] - x, robot[1] - y) < ROBOT_PX;
@@ -450,7 +454,7 @@
       spot = [x, y];
     }
     say(said, ...spot);
-    writeAll(plain ? 'simaps-name' : 'simaps-name simaps-pale', name ? null : under);
+    writeAll(known ? plain ? 'simaps-name' : 'simaps-name simaps-pale' : '', name ? null : under);
     // The ranks of others, and neighbours that have a number; the map itself outlines the target, and what is selected.
     const meant = texts.some(([kind]) => kind === 'command'), ranked = texts.some(([, text]) => text.startsWith('▶'));
     for (const [kind, text, ...label] of map ? texts : []) {
@@ -458,7 +462,7 @@
       if (one && one.cells) draw(context, one, true);
     }
     if (leaders.length) lead(context);
-    if (map && pointed) for (const one of map.shown) if (one.label === pointed) draw(context, one, true);
+    if (known && pointed) for (const one of map.shown) if (one.label === pointed) draw(context, one, true);
     for (const one of [under, chosen]) if (one) draw(context, one, false);
     give(drawing, 'hidden', !drawn);  // some graphics go on showing what was last on a canvas that was only cleared
   };
@@ -591,8 +595,23 @@
   };
   window.setInterval(tellTabs, 250);  // not at every frame
   let changed = true, before = '', legend = null;
-  const tick = () => {
+  // While nothing has moved for a while it is enough to look a few times a second; a hand on the page is seen at once.
+  const QUIET_MS = 1000, REST_LOOKS_MS = 100;
+  let movedAt = 0, looking = 0;
+  const lookSoon = () => {
+    const resting = Date.now() - movedAt > QUIET_MS;
+    looking = resting ? window.setTimeout(() => { looking = 0; window.requestAnimationFrame(tick); }, REST_LOOKS_MS) : 0;
+    if (!resting) window.requestAnimationFrame(tick);
+  };
+  for (const kind of ['pointermove', 'pointerdown', 'wheel', 'keydown', 'resize']) window.addEventListener(kind, () => {
+    movedAt = Date.now();
+    if (!looking) return;
+    window.clearTimeout(looking);
+    looking = 0;
     window.requestAnimationFrame(tick);
+  }, true);
+  const tick = () => {
+    lookSoon();
     const viser = window.__viserMutable, canvas = viser && viser.canvas;
     if (!canvas || !viser.nodeRefFromName) return;
     if (over.parentElement !== canvas.parentElement) canvas.parentElement.appendChild(over);
@@ -621,8 +640,9 @@
     const now = `${turned}|${toScreen}|${width}|${height}|${plain}|${bare}|${top}`;
     if (toScreen && !bare && !top) { readUnder(); sayInSpace(viser, canvas, now); }
     if (now === before && !changed) return;
+    movedAt = Date.now();
     before = now;
-    changed = false;
+    changed = changed > 1;
     over.classList.toggle('simaps-covered', isCovered);
     pressEntries();
     if (toScreen) {
