@@ -42,6 +42,7 @@ def main(config: BenchPage) -> None:
         say(page_bench.click(browser, cafe, recording, runs=runs))
         say(page_bench.click(browser, million, None, runs=runs))
         say(*page_bench.frames_in_step(browser, cafe, recording, runs=runs))
+        sys.stdout.write(f"{page_bench.at_rest(browser, million)}\n")
         if config.room:
             few, many = (surfaced(large_map(side, side, side * side // 400)) for side in (100, config.room))
             for line in page_bench.room(browser, few, many):

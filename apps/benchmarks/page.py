@@ -1,6 +1,7 @@
 """How fast the page answers, measured in headless Chromium without a graphics card. Needs playwright (extra "dev")."""
 
 import contextlib
+import os
 import statistics
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -191,6 +192,29 @@ def frames_in_step(browser: "Browser", simap: SIMap, recording: Path, *, runs: i
         Timing("frame on the page to frame in the recording", 0.6, there[1:]),
         Timing("frame in the recording to frame on the page", 0.6, back[1:]),
     )
+
+
+RESTED_S = 10.0
+
+
+def at_rest(browser: "Browser", simap: SIMap) -> str:
+    """Measure what a page takes that nobody touches, of all processes of browsers on this machine; Linux only."""
+    with opened(browser, simap) as (page, _workbench):
+        page.wait_for_timeout(4 * SETTLED_MS)
+        before = _browsers_s()
+        page.wait_for_timeout(1000 * RESTED_S)
+        share = (_browsers_s() - before) / RESTED_S
+    return f"page that nobody touches, {_cells(simap)}: {share:.2f} of a processor"
+
+
+def _browsers_s() -> float:
+    """Return the processor time that browsers have taken so far."""
+    ticks = 0
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):  # it has ended meanwhile
+            name, _, numbers = stat.read_text(encoding="utf-8").partition("(")[2].rpartition(")")
+            ticks += sum(map(int, numbers.split()[11:13])) if name.startswith("chrom") else 0
+    return ticks / os.sysconf("SC_CLK_TCK")
 
 
 TURNED_S = 20.0
