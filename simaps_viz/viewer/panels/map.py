@@ -549,7 +549,7 @@ def change_text(old: Mapping[str, int], new: Mapping[str, int], changes: Sequenc
 
 
 def _change_html(shown: str, text: str, over: str = "") -> str:
-    """Say what changed; ``shown`` is said on the map, ``over`` as for `_line`."""
+    """Describe what changed; ``shown`` is said on the map, ``over`` as for `_line`."""
     return f'<div class="simaps-change" data-shown="{escape(shown)}">{_line(text, over, fold=MAX_CHANGES)}</div>'
 
 
