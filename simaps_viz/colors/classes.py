@@ -30,7 +30,6 @@ STRUCTURE = ("wall", "column", "door", "window")
 UNSEEN, FLOOR, CLUTTER, WALL = range(4)
 """Kinds of ground; clutter is something that stands there without a name."""
 
-
 _ground_kinds = ArrayCache()
 
 
@@ -91,7 +90,10 @@ def cells_of_classes(grid: Grid, *names: str) -> NDArray:
 
 
 def ground_kinds(grid: Grid) -> NDArray:
-    """Return what every cell is below the objects: uint8 [rows, cols], UNSEEN, FLOOR, CLUTTER or WALL; shared."""
+    """Return what every cell is below the objects: uint8 [rows, cols], UNSEEN, FLOOR, CLUTTER or WALL.
+
+    The result is kept for the next who asks: nobody may write into it.
+    """
 
     def compute() -> NDArray:
         kinds = np.where(np.isnan(grid.height_m), UNSEEN, FLOOR).astype(np.uint8)

@@ -276,7 +276,10 @@ def _straight(edges: NDArray) -> tuple[NDArray, NDArray, NDArray]:
 
 def fade_objects(image: NDArray, simap: SIMap, faint: Collection[int], theme: Theme) -> None:
     """Let objects keep a quarter of their colour, without rims, in a map's picture [rows * scale, cols * scale, 3]."""
+    if not faint:
+        return
     scale, cols = image.shape[1] // simap.spec.cols, simap.spec.cols
+    # The middle pixel of a cell has its colour, the outer ones may be a rim.
     row, col = np.nonzero(np.isin(simap.instance, sorted(faint)))
     own = image[scale // 2 :: scale, scale // 2 :: scale][row, col]
     colors = (own * FAINT + np.array(theme.floor) * (1.0 - FAINT)).astype(np.uint8)

@@ -247,8 +247,7 @@ def paint(
     """
     hidden = () if until is None else tuple(communities_unseen_until(simap, until).tolist())
     image = map_image(simap, mode, lit=lit, hidden=hidden, scale=pixels_per_cell(simap), theme=theme, tint=tint)
-    if faint:
-        fade_objects(image, simap, faint, theme)
+    fade_objects(image, simap, faint, theme)
     shrink = MAX_SIDE / max(image.shape[:2])
     if shrink >= 1.0:
         return image

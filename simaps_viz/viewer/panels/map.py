@@ -237,7 +237,7 @@ class MapPanel(Panel):
             return
         before, after = (now, was[0]) if peeking else (was[0], now)
         changes, edges = changes_between(before, after)
-        at = f"{'Before' if peeking else 'Now'}: {cut_text(now, self._shown_cut, was[1])}"
+        at = self._which_of_two(was[1])
         said = change_text(self._counted(before), self._counted(after), changes, len(edges))
         other = cut_text(now, was[1], self._shown_cut)
         said = f"{at}. After, {other}: {said}" if peeking else f"{at}, instead of {other} as it came: {said}"
@@ -254,6 +254,10 @@ class MapPanel(Panel):
             what = ("change" if changes else "changed outline") + "s" * (len(found) > 1)
             self._step.label = f"Show {'the' if len(found) == 1 else f'each of {len(found)}'} {what}"
         self._step.visible = bool(found)
+
+    def _which_of_two(self, other: Cut) -> str:
+        """Return which map is shown, and how it is cut, unlike the other: "Now: evidence 75 %"."""
+        return f"{'Now' if self._after is None else 'Before'}: {cut_text(self._shown, self._shown_cut, other)}"
 
     def _ids_now(self, change: Change) -> tuple[int, ...]:
         """Return the objects of a change that are on the map that is shown."""
@@ -393,9 +397,9 @@ class MapPanel(Panel):
         if self._past.visible != past:
             self._past.visible = self._finish.visible = past
         if self._undescribed:  # the map is seen first: what changed takes longer to say
-            if self._was is not None:
-                cut = cut_text(simap, self._shown_cut, self._was[1])
-                at = f"{'Now' if self._after is None else 'Before'}: {cut}"
+            was = self._was
+            if was is not None:
+                at = self._which_of_two(was[1])
                 self._change.content = _change_html(at, f"{at}. Looking for what changed …", over=self._said_of_it)
                 self._change.visible = True
             self._page.worker.submit("changes", self._describe_change, later=True)

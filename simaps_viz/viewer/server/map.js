@@ -457,13 +457,13 @@
     writeAll(known ? plain ? 'simaps-name' : 'simaps-name simaps-pale' : '', name ? null : under);
     // The ranks of others, and neighbours that have a number; the map itself outlines the target, and what is selected.
     const meant = texts.some(([kind]) => kind === 'command'), ranked = texts.some(([, text]) => text.startsWith('▶'));
-    for (const [kind, text, ...label] of map ? texts : []) {
+    for (const [kind, text, ...label] of known ? texts : []) {
       const one = (kind === 'why' ? !meant : kind === 'command' && ranked && !text.startsWith('▶')) && map.objects.get(label[8]);
       if (one && one.cells) draw(context, one, true);
     }
     if (leaders.length) lead(context);
     if (known && pointed) for (const one of map.shown) if (one.label === pointed) draw(context, one, true);
-    for (const one of [under, chosen]) if (one) draw(context, one, false);
+    for (const one of known ? [under, chosen] : []) if (one) draw(context, one, false);
     give(drawing, 'hidden', !drawn);  // some graphics go on showing what was last on a canvas that was only cleared
   };
 
